@@ -65,6 +65,7 @@ def added(records: Iterable[Record]) -> Iterator[tuple[str, str]]:
         for one in distinct_robots(records)
         if one.counts["coordinates"] in COORDINATES
         and not re.search(r"test|object", one.settings["file"])
+        and not one.counts.get("free")
     ]
     for mine in group(able, package_and_format).values():
         folders = group(mine, lambda one: folder_of(one.settings["file"]))

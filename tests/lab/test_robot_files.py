@@ -34,6 +34,8 @@ def package(tmp_path: Path, monkeypatch) -> Path:
     contents = {
         "__init__.py": "raise RuntimeError('imported')",
         "box.urdf": '<robot name="box"><link name="box"/></robot>',
+        "ball.urdf": '<robot name="ball"><link name="ball"><inertial><mass value="1"/><inertia '
+        'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>',
         "odd.urdf": '<robot name="odd"><link name="a"/><loop/></robot>',
         "numbers.urdf": arm.read_text(encoding="utf-8").replace('value="', 'value="x'),
         "pendulum.xml": PENDULUM.format(name="bob"),
@@ -70,9 +72,10 @@ def test_every_robot_file_of_a_package_is_read_or_refused_by_a_kind_of_reason(pa
     (table,) = study_of("robot-files").tables(records)
     assert counts_of(table) == {
         "package": "models 1.5",
-        "files": "12",
-        "read": "5",
-        "distinct": "3",
+        "files": "13",
+        "read": "6",
+        "set free": "1",
+        "distinct": "4",
         "part of other files": "1",
         "nothing moves": "1",
         "no robot description": "1",
@@ -82,6 +85,7 @@ def test_every_robot_file_of_a_package_is_read_or_refused_by_a_kind_of_reason(pa
         "invalid number or element": "1",
     }
     assert set(REASONS) <= set(table.columns)
+    assert "'not described here': 1 of 10 robot files, 10.0 %." in table.note
     assert list(table.rows[1][1:]) == list(table.rows[0][1:]), "the sum of one package"
     for record in records:
         assert (record.status == "done") == (not record.reason)
@@ -91,8 +95,9 @@ def test_every_robot_file_of_a_package_is_read_or_refused_by_a_kind_of_reason(pa
 def test_files_with_the_same_bodies_and_joints_are_one_robot_whatever_their_names(package: Path):
     first = robot_files.distinct_robots(records_of_package())
     names = [Path(one.settings["file"]).name for one in first]
-    assert names == ["arm.urdf", "heavier.urdf", "pendulum.xml"]
-    assert [one.counts["coordinates"] for one in first] == [3, 3, 1]
+    assert names == ["arm.urdf", "ball.urdf", "heavier.urdf", "pendulum.xml"]
+    assert [one.counts["coordinates"] for one in first] == [3, 6, 3, 1]
+    assert [one.counts["free"] for one in first] == [0, 1, 0, 0]
 
 
 def test_the_remarks_name_the_refusals_that_are_ours_or_of_a_library_each_once(package: Path):

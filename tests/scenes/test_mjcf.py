@@ -95,6 +95,7 @@ def test_a_free_and_a_ball_joint_are_damped_as_mujoco_damps_them(tmp_path: Path)
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
 
 
+@pytest.mark.night
 @pytest.mark.parametrize("name", ["tendon-of-three", "tendons"])
 def test_coupled_coordinates_of_tendons_are_proved(tmp_path: Path, name: str):
     (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", EQUALITIES[name][0]))

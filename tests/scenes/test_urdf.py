@@ -429,6 +429,18 @@ def test_a_free_root_is_asked_for_behind_a_colon_wherever_a_scene_is_named(tmp_p
         scene_named(f"{file}:fixed")
 
 
+def test_the_ground_need_not_be_a_link_of_the_file(tmp_path: Path):
+    file = tmp_path / "leg.urdf"
+    file.write_text(LEG.format(shape=""), "utf-8")
+    whole = from_urdf(file)
+    text = LEG.format(shape="").replace('<link name="base"/>', "").replace('"base"', '"world"')
+    file.write_text(text, "utf-8")
+    assert [*map(repr, from_urdf(file).mass)] == [*map(repr, whole.mass)]
+    file.write_text(text.replace('"world"', '"ground"'), "utf-8")
+    with pytest.raises(InputError, match="has the parent 'ground', no such link"):
+        from_urdf(file)
+
+
 def test_a_link_without_joints_is_a_robot_where_it_is_free(tmp_path: Path):
     path = tmp_path / "one.urdf"
     path.write_text(f"<robot>{body('a')}</robot>", encoding="utf-8")

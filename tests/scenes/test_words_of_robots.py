@@ -186,11 +186,22 @@ def test_a_free_body_starts_turned_unless_its_angles_are_nearly_singular(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["free", "ball"])
-@pytest.mark.parametrize("more", ['damping="1"', 'stiffness="1"', 'armature="1"'])
+@pytest.mark.parametrize("more", ['stiffness="1"', 'armature="1"'])
 def test_forces_at_joints_with_several_coordinates_are_refused_each(tmp_path, kind, more):
     pytest.importorskip("mujoco")
-    with pytest.raises(InputError, match="'f' is free or a ball, with damping, stiffness or arma"):
+    with pytest.raises(InputError, match="'f' is free or a ball, with stiffness or armature"):
         read_mjcf(free(tmp_path / "m.xml", kind=kind, more=more))
+
+
+@pytest.mark.parametrize("kind", ["free", "ball"])
+@pytest.mark.parametrize("flag", ["", '<flag damper="disable"/>'])
+def test_a_joint_with_several_coordinates_has_one_damper(tmp_path: Path, kind: str, flag: str):
+    pytest.importorskip("mujoco")
+    path = free(tmp_path / "m.xml", kind=kind, more='damping="0.5"')
+    option = f"<option>{flag}</option><worldbody>"
+    path.write_text(path.read_text().replace("<worldbody>", option))
+    joint, *_ = read_mjcf(path).joints
+    assert joint.damping == (None if flag else 0.5)
 
 
 def test_springs_are_off_where_the_file_says_so_and_dampers_stay(tmp_path: Path):

@@ -249,6 +249,9 @@ KINDS = {
     "spherical": "spherical",
 }
 
+WORLD = "world"
+"""Name of the ground, a link that a file may leave out, as for Drake and Gazebo."""
+
 MAX_FILE_ELEMENTS = 5000
 """Largest number of links or joints of a file, fixed ones included."""
 
@@ -317,7 +320,11 @@ def read_urdf(path: Path) -> Robot:
     name = identifier(root.get("name", "") or path.stem)
     read_links = tuple(_link(link, where, out) for link in links)
     read_joints = tuple(_joint(joint, where, out) for joint in joints)
-    shapes = {link.name: _shapes(element) for link, element in zip(read_links, links, strict=True)}
+    if WORLD not in {link.name for link in read_links} and any(
+        joint.parent == WORLD for joint in read_joints
+    ):
+        read_links = Link(WORLD), *read_links
+    shapes = {link.get("name", "").strip(): _shapes(link) for link in links}
     warnings = joined(
         *body_warnings(read_links, read_joints, shapes),
         degree_warning(_angles(links, joints)),

@@ -2,7 +2,8 @@
 
 A cell is one file of a package from PyPI whose name ends as a URDF or MJCF does. Packages are found
 by their metadata and never imported. A file that our readers read is counted once for all files
-with the same bodies and joints; a file that they refuse is counted by the kind of the reason.
+with the same bodies and joints; a file that they refuse is counted by the kind of the reason. A
+URDF of a body without joints is read with this body set free.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Annotated
 
 from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import InputError, required
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group
@@ -38,6 +40,7 @@ PACKAGES = (
     "dexmate-urdf",
     "fourier-robot-descriptions",
     "hello-robot-stretch-urdf",
+    "icub-models",
     "jvrc_description",
     "rtb-data",
 )
@@ -49,12 +52,15 @@ REASONS: dict[str, str] = {
     r"|moves nothing that has inertia|has no link$",
     "no robot description": r"is no XML|^\S+ holds <[^>]+>, expected|template for xacro",
     "a file that it names is missing": r"Error opening file|cannot be read: No such file",
-    "not described here": r"not understood here|with damping, stiffness or armature"
-    r"|is of the kind|not linear|no part of a URDF known here|more than|at most",
+    "not described here": r"not understood here|with stiffness or armature|of a tendon in space"
+    r"|is of the kind|not linear|no part of a URDF known here|more than|at most|of the plugin",
     "refused by MuJoCo": r"is refused by MuJoCo|gave no answer|ended",
     "invalid number or element": r"",
 }
 """Kind of reason -> pattern of its sentences; the first that fits counts."""
+
+STILL, OURS = "nothing moves", "not described here"
+"""Kinds of reasons: of files with bodies alone, and of files without a fault of their own."""
 
 
 def kind_of_reason(sentence: str) -> str:
@@ -96,12 +102,27 @@ def _read(settings: Settings) -> Record:
     """Read one file."""
     path = path_in_package(settings["package"], settings["file"])
     try:
-        scene = robot_named(str(path))()
+        scene = _scene_of(path)
     except InputError as refusal:
         reason = str(refusal).replace(f"{path.parent}/", "")
         return Record(STUDY.key, settings, "refused", reason)
     series = {"digest": [digest_of(scene)]}
-    return Record(STUDY.key, settings, counts={"coordinates": scene.n}, series=series)
+    counts = {"coordinates": scene.n, "free": int(bool(scene.source.floating))}
+    return Record(STUDY.key, settings, counts=counts, series=series)
+
+
+def _scene_of(path: Path) -> Mechanism:
+    """Return the robot in a file; a URDF in which nothing moves is set free.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return robot_named(str(path))()
+    except InputError as refusal:
+        if path.suffix != ".urdf" or kind_of_reason(str(refusal)) != STILL:
+            raise
+        return robot_named(f"{path}:{FLOATING}")()
 
 
 def digest_of(scene: Mechanism) -> str:
@@ -127,6 +148,7 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     count: dict[str, Callable[[Record], bool]] = {
         "files": lambda one: True,
         "read": lambda one: one.status == "done",
+        "set free": lambda one: one.status == "done" and bool(one.counts.get("free")),
         "distinct": lambda one: id(one) in first,
         **{
             kind: lambda one, kind=kind: one.status != "done" and kind_of_reason(one.reason) == kind
@@ -140,12 +162,25 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
         name = Cell(f"{package} {version}".strip(), "name")
         rows.append((name, *(str(number or "") for number in numbers)))
     title = "Robot files of packages: read, distinct robots among these, and refused"
-    yield ResultTable("robot-files", title, ("package", *count), rows)
+    robots = [one for one in records if one.status == "done" or is_of_robot(one.reason)]
+    ours = sum(one.status != "done" and kind_of_reason(one.reason) == OURS for one in robots)
+    share = f"{100.0 * ours / len(robots):.1f} %" if robots else "-"
+    note = (
+        f"Refused without a fault of their own, which is 'not described here': {ours} of "
+        f"{len(robots)} robot files, {share}. Files that are part of others, hold no robot or "
+        "nothing that moves are no robot files. Bodies without joints are set free."
+    )
+    yield ResultTable("robot-files", title, ("package", *count), rows, note=note)
+
+
+def is_of_robot(reason: str) -> bool:
+    """Return whether a file that is refused with a reason should hold a robot."""
+    return kind_of_reason(reason) not in (STILL, "part of other files", "no robot description")
 
 
 def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the reasons of invalid files and of those that are not described here."""
-    ours = "not described here", "invalid number or element", "refused by MuJoCo"
+    ours = OURS, "invalid number or element", "refused by MuJoCo"
     seen = Counter[str]()
     for record in records:
         if record.status != "done" and kind_of_reason(record.reason) in ours:
