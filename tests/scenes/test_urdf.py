@@ -280,6 +280,18 @@ def test_joints_with_more_coordinates_are_proved_and_keep_away_from_singular_ang
     assert not PinocchioFile.represents(scene)
 
 
+def test_a_prefix_without_a_namespace_is_read_as_others_read_it(tmp_path: Path):
+    file = tmp_path / "leg.urdf"
+    text = LEG.format(shape="<drake:proximity_properties/>")
+    limit = '<limit drake:acceleration="2" effort="1"/>'
+    file.write_text(
+        text.replace('<link name="base"/>', f'<link name="base">{limit}</link>'), "utf-8"
+    )
+    scene = from_urdf(file)
+    assert scene.n == 2
+    assert scene.source.ignored == "Ignored: limits of joints (1), proximity_properties (1)."
+
+
 def test_unknown_elements_and_namespaces_are_left_out_and_said(tmp_path):
     plain = from_urdf(written(tmp_path, f"<robot>{SOUND}</robot>"))
     more = SOUND.replace('<child link="b"/>', '<child link="b"/><controller_gains kp="1"/>')

@@ -96,7 +96,7 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
         raise Unreadable(f"{str(path)!r} is empty")
     try:
         _check_xml(data, str(path), expected.deepest)
-        root = ElementTree.fromstring(data)
+        root = _parsed(data)
     except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -110,6 +110,20 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
         wanted = f"expected <{expected.roots[0]}>: no {expected.name}"
         raise Unreadable(f"{str(path)!r} holds <{root.tag}>, {wanted}")
     return root
+
+
+def _parsed(data: bytes) -> Element:
+    """Return the root of a text; prefixes without a namespace, which others accept, stay."""
+    try:
+        return ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:
+        if not str(error).startswith("unbound prefix"):
+            raise
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(data, True)
+    return builder.close()
 
 
 def _check_xml(data: bytes, name: str, deepest: int) -> None:
@@ -234,7 +248,7 @@ def ignored_tags(
 
 def local_name(tag: Any) -> str:
     """Return the name of an element without its namespace; "comment" for one without a name."""
-    return tag.rpartition("}")[2] if isinstance(tag, str) else "comment"
+    return re.split("[}:]", tag)[-1] if isinstance(tag, str) else "comment"
 
 
 # ---- Elements ------------------------------------------------------------------------------------
