@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from eomcheck import scenes, strategies, testing
     from eomcheck.calls import time_limit
     from eomcheck.claims import CLAIMS, Claim, Finding, Proof
+    from eomcheck.claims.findings import Findings
     from eomcheck.claims.proof import prove
     from eomcheck.claims.run import check_state, validate
     from eomcheck.engines import ENGINES, Engine
@@ -81,6 +82,7 @@ _HOME = {
     "prove": "claims.proof",
     "Proof": "claims",
     "Finding": "claims",
+    "Findings": "claims.findings",
     "Claim": "claims",
     "CLAIMS": "claims",
     "ENGINES": "engines",
@@ -135,6 +137,7 @@ __all__ = [
     "EngineError",
     "EomcheckError",
     "Finding",
+    "Findings",
     "Formulation",
     "InconsistentVelocityError",
     "InputError",

@@ -130,13 +130,13 @@ def test_a_test_of_a_scene_with_an_entry_that_no_state_resolves_does_not_pass(mo
     assert "not resolved in any of 3 states: casadi, row weak" in result.text
 
 
-def test_what_no_state_resolves_is_printed_below_the_tables(capsys):
+def test_entries_that_no_state_resolves_are_printed(capsys):
     run = ValidationRun(findings=[of_flags(ALL, NONE)], ends=[1])
     run.findings += [unresolved_finding([Unresolved("casadi", "row x", run.findings[0], 3)])]
     print_runs({"snake": run}, RunSelection.of(engines=[], claims=["bias"], scenes=[SNAKE]))
     printed = " ".join(capsys.readouterr().out.split())
     assert "inconclusive: bias on snake: not resolved in any of 3 states: casadi" in printed
-    assert "1 finding passed, 1 inconclusive, 0 failed." in printed
+    assert "1 of 1 claim passed; " in printed
 
 
 def test_a_small_row_that_agrees_in_digits_of_its_own_is_resolved():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.reports import Heavy
 
 import eomcheck
 from eomcheck.claims.finding import Finding, ratio, worst
+from eomcheck.claims.findings import Findings, headline
 from eomcheck.mechanics.records import State
 
 SCENE = Heavy()
@@ -57,3 +59,59 @@ def test_the_worst_finding_is_a_failed_one_then_one_that_passed_then_the_largest
     larger, same = replace(FOUND, observed=7.0), replace(FOUND, subject="kane")
     assert worst([each[1], FOUND, larger, same]) is larger
     assert worst([FOUND, same]) is worst([each[1], FOUND, larger], first=True) is FOUND
+
+
+# ---- Results of a check --------------------------------------------------------------------------
+
+PASSED = replace(FOUND, claim="mass-matrix", verdict="passed", observed=0.5, detail="")
+OPEN = replace(FOUND, claim="energy", verdict="skipped", detail="needs T")
+
+
+def test_results_fail_by_one_failure():
+    assert Findings([PASSED, FOUND, OPEN]).verdict == "failed"
+    assert Findings([OPEN, PASSED, OPEN]).verdict == "passed"
+    assert (Findings([OPEN]).verdict, Findings().verdict) == ("skipped", "skipped")
+    result = Findings([PASSED, FOUND, OPEN])
+    assert (result.failures, result.undecided) == ([FOUND], [OPEN])
+    assert (result.as_python(), Findings([PASSED]).as_python()) == (FOUND.as_python(), "")
+    assert isinstance(result, list) and result == [PASSED, FOUND, OPEN]
+
+
+def test_results_name_the_largest_error():
+    small = replace(PASSED, observed=0.1, claim="small")
+    line = "2 of 2 claims passed; largest error 25 % of what rounding allows (mass-matrix [au])"
+    assert headline([small, PASSED, OPEN]) == line
+    assert (
+        headline([replace(PASSED, observed=0.0)]) == "1 of 1 claim passed; no error larger than 0"
+    )
+    assert headline([small, FOUND, FOUND]) == "1 of 2 claims failed: bias"
+    assert headline([OPEN]) == headline([]) == "nothing was decided"
+    two = [replace(FOUND, subject=x) for x in ("M[0,1]", "qdd")]
+    assert headline(two, "subject") == "2 of 2 quantities failed: M[0,1], qdd"
+
+
+def test_results_are_printed_in_ten_lines_at_most():
+    worse = replace(FOUND, cause="M", detail="; ".join(["a" * 200, *"bcdefgh"]))
+    follows = [replace(worse, claim=f"claim-{k}", follows="bias") for k in range(9)]
+    others = [replace(FOUND, claim=f"other-{k}", cause=f"cause {k}") for k in range(9)]
+    skipped = [replace(OPEN, claim=f"open-{k}") for k in range(9)]
+    text = repr(Findings([PASSED, worse, *follows, *others, *skipped]))
+    lines = text.splitlines()
+    assert len(lines) <= 10 and max(map(len, lines)) <= 100
+    assert lines[0].startswith("19 of 20 claims failed: M, cause 0, ")
+    assert lines[1] == "FAIL M of heavy (bias [au])"
+    assert "and 9 further failures: cause 0 (other-0), cause 1 (other-1), " in text
+    assert "skipped: open-0 [au]: needs T\nundecided too: open-1, open-2, open-3 and 5 more" in text
+    assert lines[-1] == "code that reproduces the first failure: print(result.as_python())"
+    one = repr(Findings([PASSED, FOUND, replace(others[0], subject="el")]))
+    assert "and 1 further failure: cause 0 (other-0)" in one
+    assert "\n     row x\n     error 3, rounding allows 2\n" in one
+    assert repr(Findings([PASSED])).count("\n") == 0
+
+
+def test_results_are_html_without_a_load_from_outside():
+    named = replace(FOUND, detail="row <x>", cause="M & B")
+    page = Findings([named, PASSED])._repr_html_()
+    assert "FAIL M &amp; B of heavy" in page and "row &lt;x&gt;" in page
+    assert escape(named.as_python()) in page and "http" not in page and "<script" not in page
+    assert "<details>" not in Findings([PASSED])._repr_html_()

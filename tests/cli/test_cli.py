@@ -244,16 +244,16 @@ def test_list_names_everything_registered(registry, monkeypatch, capsys):
         assert key in printed
 
 
-def test_validate_prints_a_table_writes_json_and_exits_0(monkeypatch, capsys, tmp_path):
+def test_validate_prints_tables_writes_json_and_exits_0(monkeypatch, capsys, tmp_path):
     file = tmp_path / "findings.json"
-    arguments = ["validate", "--links", "1..3", "--examples", "3", "--json", str(file)]
+    arguments = ["validate", "--wide", "--links", "1..3", "--examples", "3", "--json", str(file)]
     assert run(*arguments, monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     document = json.loads(file.read_text(encoding="utf-8"))
     named = {finding["claim"] for finding in document["findings"]}
     assert named >= set(eomcheck.CLAIMS) - {"refusals"} - NOT_OF_SNAKES
     assert all(claim in printed for claim in named)
-    assert "0 failed" in printed
+    assert " claims passed; " in printed
     assert {finding["verdict"] for finding in document["findings"]} <= {"passed", "inconclusive"}
     assert len(document["cases"]) == 5
     for name, of in document["factors"]["snake"].items():
@@ -287,11 +287,10 @@ def test_a_failing_claim_is_exit_code_1_with_a_minimal_state_that_can_be_pasted(
     plant_in_au(monkeypatch)
     assert run("validate", "--links", "1..6", "--examples", "30", monkeypatch=monkeypatch) == 1
     printed = capsys.readouterr().out
-    assert "constraint-acceleration [au] failed" in printed
-    code, *failed = re.split(r"\n(?=[a-z-]+ \[)", printed[printed.index("import eomcheck") :])
-    assert failed[0].startswith("constraint-acceleration [au] failed on snake"), "last of all"
-    count = failed[-1].splitlines()[-1]
-    assert re.fullmatch(r"\d+ of \d+ findings failed\.", count)
+    _, verdict, _, first, *_ = printed.splitlines()
+    assert re.fullmatch(r"\d+ of \d+ claims failed: constraint-acceleration, .*", verdict)
+    assert first.startswith("FAIL constraint-acceleration (au) on snake, N = ")
+    code = printed[printed.index("import eomcheck") :]
     scene = code[code.index("scene = Snake(") :].splitlines()[0]
     assert scene.count("1.0") and "mass=[1.0]" in scene, "hypothesis shrinks to one link"
     exec(code, {})
@@ -342,7 +341,7 @@ def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_do
         of_runs = [record.status for record in records.all(RUNS)]
     assert sorted(of_runs) == ["done"] + ["failed"] * (len(SCENES) - 1), "not finished"
     said = capsys.readouterr()
-    assert "findings passed" in said.out
+    assert " claims passed; " in said.out
     assert ("interrupted" if code == 130 else str(ended)) in said.out + said.err
 
 

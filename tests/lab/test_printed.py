@@ -59,7 +59,8 @@ def finding(state: State, verdict: Any = "passed", scene: Any = SLEIGH, **change
 def said_of(capsys: pytest.CaptureFixture[str], runs: dict[str, ValidationRun], **how: Any) -> str:
     """Return what is printed of runs, in one line."""
     asked = {"engines": ["casadi"], "claims": ["mass-matrix"], "scenes": [SLEIGH, CHAIN]} | how
-    finding_output.print_runs(runs, RunSelection.of(**asked))
+    wide = asked.pop("wide", False)
+    finding_output.print_runs(runs, RunSelection.of(**asked), wide)
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -74,10 +75,10 @@ def test_states_and_failures_of_all_scenes_are_counted(capsys):
     first.ends = [1, 2, 3]
     other = ValidationRun([finding(x, "passed", CHAIN) for x in states[2:]], ends=[1, 2])
     said = said_of(capsys, {"sleigh": first, "four-bar-chain": other})
-    assert said.startswith(f"eomcheck {__version__}, {version_of(CasadiEngine)}, 5 states ")
-    assert said.endswith(" 3 of 5 findings failed.")
+    start = f"eomcheck {__version__}, 2 scenes, {version_of(CasadiEngine)}, 5 states, 5 findings "
     # Of one claim and subject on one scene the first failure stands for all.
-    assert "state 0 (compared: x): observed 2, allowed 1" in said
+    failure = "FAIL mass-matrix (casadi) on sleigh, state 0 error 2, rounding allows 1 "
+    assert said.startswith(f"{start}1 of 1 claim failed: mass-matrix {failure}")
 
 
 def test_the_smallest_failing_state_is_that_of_the_run_and_never_that_of_coverage(capsys):
@@ -104,9 +105,17 @@ def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
     run.sampled = [SampledState(SLEIGH, state, ())]
     said = said_of(capsys, {"sleigh": run})
     assert "coverage: 1 of 9 drawn states was refused" in said
-    assert "Drawn states by factor" in said
     two = said_of(capsys, {"sleigh": run, "four-bar-chain": ValidationRun()})
-    assert "coverage:" not in two and "Drawn states" not in two
+    assert "coverage:" not in two
+
+
+def test_tables_of_claims_and_states_are_printed_where_they_are_asked_for(capsys):
+    run = ValidationRun([finding(at(SLEIGH, 0))], ends=[1])
+    run.sampled = [SampledState(SLEIGH, at(SLEIGH, 0), ())]
+    for runs in ({"sleigh": run}, {"sleigh": run, "four-bar-chain": ValidationRun()}):
+        assert "┃" not in said_of(capsys, runs).partition("Checked states by scene")[0]
+        said = said_of(capsys, runs, wide=True)
+        assert "┃ claim ┃ worst ┃ by ┃ on ┃" in said and "┃ factor ┃" in said
 
 
 def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsys):

@@ -210,23 +210,27 @@ def test_of_failures_the_worst_is_printed_and_the_others_are_counted(capsys):
         kept(verdict="failed", observed=4.0, subject="im", case=3, scene="sleigh", links=None),
     ]
     finding_output.print_failures(by_claim(rows))
-    first, second = " ".join(capsys.readouterr().out.split()).split("bias ")[1:]
-    assert first.startswith("[el] failed on snake, N = 3, state 2")
-    assert "(and 2 more of this claim)" in first and "more" not in second
-    assert second.startswith("[im] failed on sleigh, state 3")
+    first, second = " ".join(capsys.readouterr().out.split()).split("FAIL bias ")[1:]
+    assert first.startswith("(el) on snake, N = 3, state 2 ")
+    assert first.endswith("and 2 further subjects of this claim ") and "further" not in second
+    assert second.startswith("(im) on sleigh, state 3 ")
 
 
 @pytest.mark.parametrize("inconclusive", [0, 1])
 @pytest.mark.parametrize("unseen", [0, 2])
-def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: int, unseen: int):
-    of = "bias", "au ~ el", SLEIGH, State(*SLEIGH.initial_state(), 0.0), 0.5, 1.0
+def test_the_verdict_counts_as_passed_only_claims_that_passed(
+    capsys, inconclusive: int, unseen: int
+):
+    of = "au ~ el", SLEIGH, State(*SLEIGH.initial_state(), 0.0), 0.5, 1.0
     verdicts: list[Any] = ["passed"] * 3 + ["inconclusive"] * inconclusive
-    some = [Finding(*of, x, "compared") for x in [*verdicts, *["skipped"] * unseen]]
+    verdicts += ["skipped"] * unseen
+    some = [Finding(f"claim {i}", *of, x, "compared") for i, x in enumerate(verdicts)]
     selection = RunSelection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
     finding_output.print_runs({"sleigh": ValidationRun(findings=some, ends=[len(some)])}, selection)
-    open_ = ", 1 inconclusive" * inconclusive + ", 2 skipped" * bool(unseen)
-    last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
-    assert last == f" passed{open_}, 0 failed."
+    first, verdict, *_ = capsys.readouterr().out.splitlines()
+    assert first.endswith(f", {len(some)} findings")
+    largest = "largest error 50 % of what rounding allows (claim 0 [au ~ el])"
+    assert verdict == f"3 of 3 claims passed; {largest}"
 
 
 def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):

@@ -12,14 +12,12 @@ import pytest
 
 import eomcheck
 from eomcheck import check
+from eomcheck.claims.findings import causes_of, failure_lines, headline
 from eomcheck.errors import CallError, InputError
 from eomcheck.lab.fuzzing.failures import functions_named
 from eomcheck.lab.report.equations_output import (
-    causes_of,
     equations_records,
-    failure_lines,
     print_equations,
-    verdict_line,
 )
 from eomcheck.lab.store.validation_runs import stored_findings_in
 from eomcheck.scenes import Snake
@@ -335,20 +333,26 @@ def test_two_causes_are_two_groups(wrong):
     assert all(x.follows and x.cause == group[0].cause for group in groups for x in group[1:])
 
 
+LARGEST = "largest error 50 % of what rounding allows"
+
+
 @pytest.mark.parametrize(
     ("verdicts", "line"),
     [
-        ("passed passed skipped", "2 claims passed, 0 failed"),
+        (
+            "passed passed skipped",
+            f"2 of 2 claims passed; {LARGEST} (0 [])",
+        ),
         ("skipped inconclusive", "nothing was decided"),
         ("passed failed", "1 of 2 claims failed: cause"),
     ],
 )
 def test_the_verdict_counts_claims_that_are_decided(verdicts: str, line: str):
     findings = [
-        SimpleNamespace(claim=str(i), verdict=x, follows="", cause="cause", subject="")
+        SimpleNamespace(claim=str(i), verdict=x, follows="", cause="cause", subject="", ratio=0.5)
         for i, x in enumerate(verdicts.split())
     ]
-    assert verdict_line(findings) == line
+    assert headline(findings) == line
 
 
 def test_everything_is_printed_once(wrong, file, capsys):

@@ -109,6 +109,11 @@ class Finding:
         """The ratio observed / allowed."""
         return ratio(self.observed, self.allowed)
 
+    @property
+    def location(self) -> str:
+        """Name of the scene; its structure, if the finding is about all states."""
+        return self.scene.structure if self.state is None else self.scene.name
+
     def __str__(self) -> str:
         if self.state is None:
             text = f"{self.claim} [{self.subject}] {self.evidence} on {self.scene.structure}"

@@ -37,6 +37,7 @@ from eomcheck.claims.finding import (
     unresolved_by_claim,
     unresolved_finding,
 )
+from eomcheck.claims.findings import Findings
 from eomcheck.claims.numerical_accuracy import SampledState, coverage
 from eomcheck.claims.proof import prove_unresolved
 from eomcheck.claims.registry import Claim
@@ -598,7 +599,7 @@ def check_state(
     engines: Iterable[str | type[Engine]] | None = None,
     claims: Iterable[str] | None = None,
     consistent: bool = True,
-) -> list[Finding]:
+) -> Findings:
     """Check the claims in one state of a scene.
 
     Args:
@@ -638,7 +639,8 @@ def check_state(
         if not _is_scene_error(scene, state, error):  # else it is one of the Findings
             raise
     run = ValidationRun()
-    return [*run.check_state(scene, state, selection, at), *run.inapplicable(selection)]
+    checked = run.check_state(scene, state, selection, at)
+    return Findings([*checked, *run.inapplicable(selection)])
 
 
 def validate(
@@ -649,7 +651,7 @@ def validate(
     formulations: Iterable[str] | None = None,
     engines: Iterable[str | type[Engine]] | None = None,
     claims: Iterable[str] | None = None,
-) -> list[Finding]:
+) -> Findings:
     """Check a scene in its initial state and in random consistent states.
 
     Args:
@@ -674,7 +676,7 @@ def validate(
     selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     run = ValidationRun()
     run.validate_scene(scene, selection, examples, seed)
-    return run.finish(selection)
+    return Findings(run.finish(selection))
 
 
 def check_decided(findings: Iterable[Finding]) -> None:

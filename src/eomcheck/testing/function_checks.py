@@ -34,6 +34,7 @@ from eomcheck.claims.finding import (
     verdict_codes,
     worst,
 )
+from eomcheck.claims.findings import Findings
 from eomcheck.claims.registry import (
     FUNCTION_CLAIMS,
     ClaimOutput,
@@ -102,7 +103,7 @@ def check_functions(
     seed: int = 0,
     claims: Iterable[str] | None = None,
     **options: Any,
-) -> list[Finding]:
+) -> Findings:
     """Check equations of motion that are given as float64 functions, as black boxes.
 
     The convention is M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ, a v + b = 0, a q̈ + γ = 0. A function
@@ -138,8 +139,8 @@ def check_functions(
         claims: ids of the claims to check, keys of `FUNCTION_CLAIMS`; all by default.
 
     Returns:
-        One Finding per claim and subject, that of the worst state, by the largest error per allowed
-        error among failures, or else among comparisons that passed.
+        One Finding per claim and subject, printed as a summary: that of the worst state, by the
+        largest error per allowed error among failures, or else among comparisons that passed.
 
     Raises:
         InputError: n, states or a range is not valid, or a function is not callable.
@@ -163,7 +164,7 @@ def check(
     claims: Iterable[str] | None = None,
     holonomic: bool | None = None,
     **older: Any,
-) -> list[Finding]:
+) -> Findings:
     """Check equations of motion: functions, a SymPy model, or either of them in a file.
 
     Args:
@@ -219,7 +220,7 @@ def check_equations(
     against: Any = None,
     claims: Iterable[str] | None = None,
     holonomic: bool | None = None,
-) -> list[Finding]:
+) -> Findings:
     """Return the Findings of `functions`; see `check_functions`.
 
     Args:
@@ -259,7 +260,7 @@ def check_equations(
         findings = {x.id: findings[x.id] or [inapplicable(functions, x)] for x in selected}
     ordered = [finding for claim in selected for finding in findings[claim.id]]
     located = localize_faults(functions, ordered, points)
-    return [_name_exchanged_arguments(functions, finding, seed) for finding in located]
+    return Findings(_name_exchanged_arguments(functions, one, seed) for one in located)
 
 
 def _name_exchanged_arguments(functions: EquationsOfMotion, finding: Finding, seed: int) -> Finding:

@@ -7,67 +7,19 @@ be decided comes last, each with the input that would decide it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims.finding import Finding
+from eomcheck.claims.findings import causes_of, failure_lines, headline
+from eomcheck.console import console
 from eomcheck.lab.show.table import say, write_json
 from eomcheck.lab.store.record_file import Record
 from eomcheck.safe_output import counted
 from eomcheck.testing.equations_of_files import FileEquations
-
-INDENT = "     "
-
-
-def causes_of(findings: Iterable[Finding]) -> list[list[Finding]]:
-    """Return the failures by cause: the first of each, and those that follow from it."""
-    groups: list[list[Finding]] = []
-    for finding in (one for one in findings if one.verdict == "failed"):
-        same = [x for x in groups if finding.follows and x[0].cause == finding.cause]
-        if same:
-            same[0].append(finding)
-        else:
-            groups.append([finding])
-    return groups
-
-
-def failure_lines(first: Finding, *following: Finding) -> Iterator[str]:
-    """Yield the lines on a failure and on those that follow from it.
-
-    Returns:
-        What fails and about what, the parts of its detail, its numbers, and the other claims.
-    """
-    about = f"{first.cause or first.subject} of {first.scene.name}"
-    yield f"FAIL {about} ({first.claim} [{first.subject}])"
-    for part in first.detail.split("; "):
-        yield INDENT + part
-    if first.allowed > 0.0:
-        yield f"{INDENT}error {first.observed:.3g}, rounding allows {first.allowed:.3g}"
-    if following:
-        names = dict.fromkeys(one.claim for one in following)
-        yield f"{INDENT}follows from it: {', '.join(names)}"
-
-
-def verdict_line(findings: Sequence[Finding], counts: str = "claim") -> str:
-    """Return the verdict on all findings in one sentence.
-
-    Args:
-        findings: the Findings.
-        counts: attribute of them that is counted, "claim" or "subject".
-    """
-    of_all = [(getattr(one, counts), one.verdict) for one in findings]
-    failed = {name for name, verdict in of_all if verdict == "failed"}
-    decided = {name for name, verdict in of_all if verdict in ("passed", "failed")}
-    if not decided:
-        return "nothing was decided"
-    number = counted(len(decided), {"claim": "claim", "subject": "quantity"}[counts])
-    if failed:
-        names = dict.fromkeys(group[0].cause or group[0].subject for group in causes_of(findings))
-        return f"{len(failed)} of {number} failed: {', '.join(names)}"
-    return f"{number} passed, 0 failed"
 
 
 def print_equations(
@@ -87,6 +39,21 @@ def print_equations(
     print_checked(f"{equations.structure}; n = {equations.n}; {how}", read.notes, findings)
 
 
+def print_passed(names: Iterable[str]) -> None:
+    """Print the names of what passed, wrapped; nothing if there are none."""
+    if text := ", ".join(names):
+        console.print(f"\npassed: {text}", markup=False, highlight=False)
+
+
+def print_failure(first: Any, *following: Any) -> None:
+    """Print the block of lines on a failure, see `failure_lines`."""
+    head, *lines = failure_lines(first, *following)
+    say("")
+    say(head, "red")
+    for line in lines:
+        say(line)
+
+
 def print_checked(
     title: str, notes: Iterable[str], findings: Sequence[Finding], counts: str = "claim"
 ) -> None:
@@ -96,24 +63,17 @@ def print_checked(
         title: what was checked, and how.
         notes: sentences on how it was read.
         findings: Findings about it.
-        counts: see `verdict_line`.
+        counts: see `headline`.
     """
     failed = any(one.verdict == "failed" for one in findings)
     say(f"eomcheck {__version__}, {title}")
     for note in notes:
         say(note)
-    say(verdict_line(findings, counts), "bold red" if failed else "bold green")
+    say(headline(findings, counts), "bold red" if failed else "bold green")
     groups = causes_of(findings)
     for group in groups:
-        head, *lines = failure_lines(*group)
-        say("")
-        say(head, "red")
-        for line in lines:
-            say(line)
-    passed = dict.fromkeys(getattr(one, counts) for one in findings if one.verdict == "passed")
-    if passed:
-        say("")
-        say(f"passed: {', '.join(passed)}")
+        print_failure(*group)
+    print_passed(dict.fromkeys(getattr(one, counts) for one in findings if one.verdict == "passed"))
     for verdict in ("inconclusive", "skipped"):
         rows = [one for one in findings if one.verdict == verdict]
         for subject, of_subject in groupby(rows, lambda one: (one.subject, one.detail)):

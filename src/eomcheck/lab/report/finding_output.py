@@ -1,8 +1,9 @@
 """Output of findings: validations, proofs and fuzzing campaigns on a terminal, findings as JSON.
 
-A terminal shows tables of claims, then the skipped and the unresolved findings, and the failures
-last. The JSON document contains each state once; findings refer to it by index. A campaign shows
-its counts, its failures one per cause, and while it runs a line of progress.
+A terminal shows the verdict, the failures, then unresolved and skipped findings, tables where they
+are asked for, and last the code that reproduces a failure.
+The JSON document contains each state once; findings refer to it by index. A campaign shows its
+counts, its failures one per cause, and while it runs a line of progress.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.findings import INDENT, headline
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import console
 from eomcheck.draws.fuzz_cases import FAMILIES
@@ -27,6 +29,7 @@ from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.state_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.proofs import Proofs
+from eomcheck.lab.report.equations_output import print_failure, print_passed
 from eomcheck.lab.report.overview import (
     ClaimSummary,
     by_claim,
@@ -40,7 +43,7 @@ from eomcheck.lab.report.overview import (
 from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say, table_of
 from eomcheck.lab.show.table import write_json as write_document
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.validation_runs import stored_findings_of_runs
+from eomcheck.lab.store.validation_runs import StoredFinding, stored_findings_of_runs
 from eomcheck.safe_output import counted, printable
 
 # ---- Validation ----------------------------------------------------------------------------------
@@ -49,50 +52,64 @@ from eomcheck.safe_output import counted, printable
 def print_runs(
     runs: Mapping[str, ValidationRun], selection: RunSelection, wide: bool = False
 ) -> None:
-    """Print the table of claims, notes on it, and the smallest failing state as Python code.
+    """Print the verdict, the failures, undecided claims, and the smallest failing state as code.
 
     Args:
-        runs: key of a scene class -> its run; for several, the table has one column per scene.
+        runs: key of a scene class -> its run; several have a table of their states.
         selection: formulations, engines and claims of the runs.
-        wide: show each formulation and engine, or each scene, beside the worst of them.
+        wide: print the tables of claims (by formulation and engine, or by scene), of digits and of
+            sampled states too.
     """
     engines = ", ".join(_called(e, selection) for e in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
-    say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
     rows = stored_findings_of_runs(runs)
+    said = f"{counted(states, 'state')}, {counted(len(rows), 'finding')}"
+    scenes = next(iter(runs)) if len(runs) == 1 else counted(len(runs), "scene")
+    say(f"eomcheck {__version__}, {scenes}, {engines}, {said}")
+    failed = any(row.verdict == "failed" for row in rows)
+    passed = any(row.verdict == "passed" for row in rows)
+    say(headline(rows), "bold red" if failed else "bold green" if passed else "")
     claims = by_claim(rows)
+    print_failures(claims)
+    print_unresolved(claims)
+    print_skipped(claims)
+    asked = any(CLAIMS[claim].asks for claim in selection.claims)
+    if len(runs) > 1 and selection.engines_named and asked:
+        print_unrepresented(runs, selection.engines)
+    print_passed(summary.claim.id for summary in claims if summary.kind == "passed")
+    for row in rows:
+        if row.claim == "coverage" and len(runs) == 1:
+            say(f"coverage: {row.detail}")
+    if len(runs) > 1:
+        print_tables([ResultTable("runs", "Checked states by scene", *_totals(runs))])
+    if wide:
+        print_tables(_wide_tables(runs, selection, rows, claims))
+    else:
+        say("tables of claims, digits and sampled states: --wide")
+    for finding in filter(None, map(_smallest, runs.values())):
+        say(f"\nThe smallest failing state, of {finding.location}, to paste into Python:\n")
+        say(finding.as_python())
+
+
+def _wide_tables(
+    runs: Mapping[str, ValidationRun],
+    selection: RunSelection,
+    rows: Sequence[StoredFinding],
+    claims: Sequence[ClaimSummary],
+) -> Iterator[ResultTable]:
+    """Yield the tables of claims, by participant or by scene, of digits and of sampled states."""
+    yield worst_table(claims)
     if len(runs) == 1:
         (run,) = runs.values()
         names = [p.key for p in (*selection.formulations, *selection.engines)]
-        table = participant_table(claims, names, run.seconds) if wide else worst_table(claims)
-        print_tables(sheet for sheet in (table, digits_table(rows)) if sheet.rows)
-        for row in rows:
-            if row.claim == "coverage":
-                say(f"coverage: {row.detail}")
+        yield participant_table(claims, names, run.seconds)
+        if (digits := digits_table(rows)).rows:
+            yield digits
     else:
-        table = worst_table(claims)
-        if wide:
-            table = scene_table(claims, runs).without("statement", "evidence")
-        print_tables([table, ResultTable("runs", "What was looked at", *_totals(runs))])
-        if selection.engines_named and any(CLAIMS[claim].asks for claim in selection.claims):
-            print_unrepresented(runs, selection.engines)
+        yield scene_table(claims, runs).without("statement", "evidence")
     counts = {key: run.level_counts for key, run in runs.items() if run.sampled}
-    if counts and (wide or len(runs) == 1):
-        print_tables([factor_table(counts)])
-    print_skipped(claims)
-    print_unresolved(claims)
-    smallest = [_smallest(run) for run in runs.values()]
-    for finding in filter(None, smallest):
-        console.print("\nThe smallest failing state found, to paste into Python:\n")
-        say(finding.as_python())
-    print_failures(claims)  # last of all, where a terminal shows it
-    if failed := sum(row.verdict == "failed" for row in rows):
-        say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
-    else:
-        whole = ClaimSummary(tuple(rows))
-        passed = len(rows) - whole.undecided_count
-        style = "bold green" if passed else ""
-        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", style)
+    if counts:
+        yield factor_table(counts)
 
 
 def _called(engine: type[Engine], selection: RunSelection) -> str:
@@ -128,8 +145,9 @@ def print_failures(claims: Iterable[ClaimSummary]) -> None:
     for summary in claims:
         for failed in group(summary.failed, lambda row: row.scene).values():
             row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
-            more = f" (and {others} more of this claim)" if others else ""
-            say(f"{row.claim} {row}{more}", "red")
+            print_failure(row)
+            if others:
+                say(f"{INDENT}and {counted(others, 'further subject')} of this claim")
 
 
 def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[type[Engine]]) -> None:
