@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.lab.proofs import Proofs, proof_jobs
@@ -117,3 +121,8 @@ def _paper():
                     "energy": [0.0] * 11,
                 },
             )
+
+
+def running_differences(relative: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Return differences between libraries that have been computed, by quantity."""
+    return {name: SimpleNamespace(relative=table) for name, table in relative.items()}

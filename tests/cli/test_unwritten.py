@@ -84,7 +84,7 @@ def test_a_validation_goes_on_where_its_records_can_no_longer_be_written(
     monkeypatch.setattr(Records, "add", full)
     assert run(monkeypatch, *FEW, "--records", tmp_path / "r.db") == 2
     said = capsys.readouterr()
-    assert "mass-matrix" in said.out and "2 states" in said.out
+    assert "mass-matrix" in said.out and ", 3 states, " in said.out
     assert said.err.endswith("eomcheck: database or disk is full\n")
     assert len(calls) == after + 1
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.lab.test_printed import at, finding
+from tests.reports import running_differences
 
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
@@ -314,7 +315,9 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
         LibraryResult("two", "Two 2", decided=True),
     )
     found = LibraryComparison(SLEIGH, {one.library: one for one in libraries}, states=9)
-    found.differences = {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
+    found.running = running_differences(
+        {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
+    )
     stubs: dict[str, Any] = {
         "robot_named": lambda name: asked.append(name) or scene,
         "validate": lambda one, **how: asked.append(how) or checked,

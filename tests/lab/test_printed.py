@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from tests.lab.test_tables import kept, run_of, shown, table
+from tests.reports import running_differences
 
 from eomcheck import __version__
 from eomcheck.claims.finding import Finding, Unresolved
@@ -453,9 +454,9 @@ def compared() -> LibraryComparison:
     one, two = LibraryResult("one", "One 1.0"), LibraryResult("two", "Two 2.0")
     libraries = {"one": one, "two": two, "three": LibraryResult("three", refusal="cannot")}
     found = LibraryComparison(SLEIGH, libraries, states=5)
-    found.differences = {
-        "M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])
-    }
+    found.running = running_differences(
+        {"M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])}
+    )
     state = at(SLEIGH, 1)
     one.findings = {
         "mass-matrix": finding(state, "failed", detail="row x is 2 times"),

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.reports import running_differences
 
 from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.numerical_accuracy import SampledState
@@ -467,10 +468,14 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     )
     made = LibraryComparison(SLEIGH, {one.library: one for one in libraries}, states=6)
     nothing = np.nan
-    made.differences = {
-        "M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]]),
-        "bias": np.array([[0.0, 0.0, nothing], [0.0, 0.0, nothing], [nothing, nothing, nothing]]),
-    }
+    made.running = running_differences(
+        {
+            "M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]]),
+            "bias": np.array(
+                [[0.0, 0.0, nothing], [0.0, 0.0, nothing], [nothing, nothing, nothing]]
+            ),
+        }
+    )
     sheet = library_comparison.library_table(made)
     assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
     assert table(sheet) == [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,6 +55,7 @@ from eomcheck.lab.option_parsing import (
 
 if TYPE_CHECKING:
     from eomcheck.claims.finding import Finding
+    from eomcheck.mechanics.scene import Scene
 
 BaseOption = Annotated[
     str | None,
@@ -280,7 +281,6 @@ def validate_command(
     from eomcheck.scene_lookup import (
         ALL,
         ROBOTS,
-        robot_file_warnings,
         scene_classes_named,
         scene_named,
     )
@@ -340,8 +340,7 @@ def validate_command(
                 _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
-    for warning in robot_file_warnings(kinds):
-        print(warning)
+    _print_warnings(kinds)
     if end.interrupted:
         console.print("interrupted: the table holds what was checked until then")
     failures = [finding for finding in findings if finding.verdict == "failed"]
@@ -353,6 +352,15 @@ def validate_command(
     if engine:
         check_compared(engines, findings)
     check_decided(findings)
+
+
+def _print_warnings(kinds: Iterable[type[Scene]]) -> None:
+    """Print the warnings of the files that scene classes were read from, wrapped."""
+    from eomcheck.console import console
+    from eomcheck.scene_lookup import robot_file_warnings
+
+    for warning in robot_file_warnings(kinds):
+        console.print(warning, markup=False, highlight=False)
 
 
 @app.command("prove")
@@ -383,7 +391,7 @@ def prove_command(
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.finding_output import print_proofs
     from eomcheck.lab.store.parallel_map import check_executor
-    from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named
+    from eomcheck.scene_lookup import scene_classes_named
 
     jobs = proof_jobs(scene, numbers, examples, seed, formulation, claim)
     check_executor(executor)
@@ -397,8 +405,7 @@ def prove_command(
     print_proofs(proofs)
     if end.interrupted and json is not None:
         print("interrupted: the same command goes on with the structures that are left")
-    for warning in robot_file_warnings(scene_classes_named(scene)) if whole else ():
-        print(warning)
+    _print_warnings(scene_classes_named(scene) if whole else ())
     end.conclude(json if whole else None, proofs.failed)
     if not proofs.decided:
         raise InputError(f"scene = {scene!r}: no identity could be tested")
@@ -657,7 +664,7 @@ def compare_command(
         print_comparison,
         write_comparison,
     )
-    from eomcheck.scene_lookup import is_robot, robot_file_warnings, scene_named
+    from eomcheck.scene_lookup import is_robot, scene_named
 
     if not is_robot(robot):
         raise InputError(
@@ -670,8 +677,7 @@ def compare_command(
     if json is not None:
         write_comparison(comparison, json)
     print_comparison(comparison, pairs)
-    for warning in robot_file_warnings([type(scene)]):
-        print(warning)
+    _print_warnings([type(scene)])
     if json is not None:
         print(f"written: {json}")
     if known is not None:
@@ -696,7 +702,7 @@ def _compare_robots(
     from eomcheck.atomic_write import write_text
     from eomcheck.lab.inertial_patch import inertial_patch
     from eomcheck.lab.robot_comparison import compare_robots, print_robots, write_robots
-    from eomcheck.scene_lookup import robot_file_warnings, scene_named
+    from eomcheck.scene_lookup import scene_named
 
     pairs = {}
     for text in match:
@@ -711,8 +717,7 @@ def _compare_robots(
     if patch is not None:
         write_text(patch, inertial_patch(*scenes, comparison))
     print_robots(comparison)
-    for warning in robot_file_warnings(map(type, scenes)):
-        print(warning)
+    _print_warnings(map(type, scenes))
     for written in filter(None, (json, patch)):
         print(f"written: {written}")
     if not comparison.is_same:
