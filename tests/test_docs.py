@@ -15,7 +15,8 @@ from eomcheck.lab.report.registries import function_claim_table, registry_table
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted([*DOCS.glob("*.md"), *DOCS.glob("[!_]*/*.md")])]
+README = ROOT / "README.md"
+PAGES = [README, *sorted([*DOCS.glob("*.md"), *DOCS.glob("[!_]*/*.md")])]
 
 BLOCKS = [
     (page, number, block)
@@ -35,12 +36,27 @@ def test_a_python_block_runs(page: Path, number: int, block: str, monkeypatch):
 
 
 def test_what_the_first_page_shows_is_what_its_code_prints(capsys):
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = README.read_text(encoding="utf-8")
     ((block, shown),) = re.findall(
         r"^```python\n(.*?)^```\n\n```text\n(.*?)^```$", page, re.S | re.M
     )
     exec(compile(block, "README.md", "exec"), {"__name__": "block"})
-    assert capsys.readouterr().out == shown and len(shown.splitlines()) == 2
+    assert capsys.readouterr().out == shown and 3 < len(shown.splitlines()) <= 10
+
+
+def test_the_picture_of_the_first_page_is_what_its_command_prints():
+    module, command = loaded("terminal_picture"), ["eomcheck", "check", "half.py"]
+    drawn = module.picture(command, module.colored_output(command, "passed"))
+    assert drawn == (DOCS / "figures" / "first-failure.svg").read_text(encoding="utf-8")
+    assert "@font-face" not in drawn and "half&#160;the&#160;expected&#160;value" in drawn
+
+
+def test_sentences_of_the_first_page_are_short():
+    page = re.sub(r"^```.*?^```$|^\|.*?$|^#.*?$", "", README.read_text("utf-8"), flags=re.S | re.M)
+    text = re.sub(r"\]\([^)]*\)", "", page)
+    sentences = re.split(r"[.:;](?=\s)|\n\n|\n- ", text)
+    assert len(sentences) > 30
+    assert not [one for one in sentences if len(one.split()) > 25]
 
 
 SHOWN = [
