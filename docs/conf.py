@@ -1,10 +1,12 @@
 """Sphinx configuration. Tables of formulations and claims are written from the registries, tables
-of operations from the study, those of renamed names and of references from their files."""
+of operations from the study, those of renamed names and of references from their files, the page of
+commands from the command line."""
 
 from __future__ import annotations
 
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -27,7 +29,9 @@ from eomcheck.scenes import SCENES
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
 DEVIATIONS = DOCS / "conformance" / "deviations.toml"
-sys.path.insert(0, str(DOCS))  # for formulas.py and pages.py
+sys.path.insert(0, str(DOCS))  # for commands.py, formulas.py and pages.py
+
+from commands import command_reference  # noqa: E402
 
 project = "eomcheck"
 author = "The eomcheck developers"
@@ -254,6 +258,67 @@ def renamed_tables() -> dict[str, str]:
     }
 
 
+def extras_table() -> str:
+    """Return the table of extras: what pip installs for each."""
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    extras = project["project"]["optional-dependencies"]
+    return table(
+        ("extra", "installs"),
+        [(f"`{name}`", ", ".join(f"`{x}`" for x in needed)) for name, needed in extras.items()],
+    )
+
+
+def bibtex() -> str:
+    """Return the entries of a bibliography, for this version and for the paper."""
+    (date,) = re.findall(r"^date-released: (\S+)$", CITATION.read_text("utf-8"), re.MULTILINE)
+    return BIBTEX.replace("VERSION", eomcheck.__version__).replace("YEAR", date[:4])
+
+
+CITATION = DOCS.parent / "CITATION.cff"
+BIBTEX = """```bibtex
+@software{eomcheck,
+  author  = {{The eomcheck developers}},
+  title   = {eomcheck: cross-validation of constrained multibody dynamics},
+  version = {VERSION},
+  year    = {YEAR},
+  license = {MIT}
+}
+
+@article{talaeizadeh2020comparison,
+  author  = {Talaeizadeh, Amin and Forootan, Mahmoodreza and Zabihi, Mehdi and
+             Nejat Pishkenari, Hossein},
+  title   = {Comparison of {Kane}'s and {Lagrange}'s Methods in Analysis of Constrained
+             Dynamical Systems},
+  journal = {Robotica},
+  year    = {2020},
+  doi     = {10.1017/S0263574719001899}
+}
+```"""
+
+EQUIVALENCES = DOCS / "evidence" / "verified-equivalences.md"
+
+
+def equivalences_table() -> str:
+    """Return a line for each claim of the page of verified equivalences, linked to its section."""
+    sections = EQUIVALENCES.read_text(encoding="utf-8").split("\n## ")[1:]
+    rows = []
+    for name, text in (section.split("\n", 1) for section in sections):
+        if stated := re.search(r"^> \*\*(.*?)\*\*", text, re.MULTILINE):
+            (levels,) = re.findall(r"^Evidence: (.*)\.$", text, re.MULTILINE)
+            scenes = SCENES.keys() & set(re.findall(r"^\| ([a-z-]+) \|", text, re.MULTILINE))
+            link = f"[{name}](/evidence/verified-equivalences.md#{name})"
+            rows.append((link, stated[1], levels, str(len(scenes))))
+    return table(("claim", "statement", "evidence", "scenes"), rows)
+
+
+def equivalences_verdict() -> str:
+    """Return the sentence of the page of verified equivalences that has the verdict."""
+    text = EQUIVALENCES.read_text(encoding="utf-8")
+    return next(
+        line for line in text.splitlines() if re.match(r"(All )?\d+ (of|claims)|All ", line)
+    )
+
+
 def write(name: str, text: str) -> None:
     """Write a generated file, unless it holds that text already: Sphinx goes by its time."""
     path = GENERATED / name
@@ -272,6 +337,11 @@ def write_tables(app: Sphinx) -> None:
     write("formulations.md", formulations_table())
     write("studies.md", studies_table())
     write("references.md", references_table())
+    write("commands.md", command_reference())
+    write("extras.md", extras_table())
+    write("bibtex.md", bibtex())
+    write("equivalences-verdict.md", equivalences_verdict())
+    write("equivalences.md", equivalences_table())
     write("library-calls.md", library_calls())
     write("conformance-pages.md", conformance_pages())
     write("not-understood.md", not_understood())
@@ -298,10 +368,11 @@ def check_complete(app: Sphinx) -> None:
         page, include = f"scenes/{key}.md", f"{{include}} ../_generated/{parameters_file(key)}"
         if include not in (DOCS / page).read_text(encoding="utf-8"):
             raise ConfigError(f"docs/{page} has no ```{include}")
-    api = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
+    pages = sorted((DOCS / "reference" / "api").glob("*.md"))
+    api = "".join(page.read_text(encoding="utf-8") for page in pages)
     absent = [name for name in eomcheck.__all__ if f"eomcheck.{name}\n" not in api]
     if absent:
-        raise ConfigError(f"docs/reference/api.md has no entry for: {', '.join(absent)}")
+        raise ConfigError(f"docs/reference/api has no entry for: {', '.join(absent)}")
 
 
 def escape_bars(app: Sphinx, what, name, obj, options, lines: list[str]) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import re
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
 
 import pytest
+from tests.house import CLAUSES, without_code
 
 from eomcheck.deprecated import FIELDS, MODULES, NAMES, OPTIONS
 from eomcheck.lab.report.registries import function_claim_table, registry_table
@@ -16,7 +18,8 @@ from eomcheck.lab.report.registries import function_claim_table, registry_table
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
-PAGES = [README, *sorted([*DOCS.glob("*.md"), *DOCS.glob("[!_]*/*.md")])]
+FOLDERS = ("*.md", "[!_]*/*.md", "reference/api/*.md")
+PAGES = [README, *sorted(page for folder in FOLDERS for page in DOCS.glob(folder))]
 
 BLOCKS = [
     (page, number, block)
@@ -88,7 +91,7 @@ def test_no_guide_hides_its_code_from_who_reads_it_unbuilt():
 
 
 def test_the_table_of_claims_about_functions_is_that_of_the_registry():
-    page = (DOCS / "guides" / "check-your-own.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference" / "functions.md").read_text(encoding="utf-8")
     assert f"\n\n{function_claim_table().markdown().strip()}\n\n" in page
 
 
@@ -108,6 +111,75 @@ def test_every_row_of_a_table_is_in_it():
 
 def test_there_are_blocks():
     assert {"README.md", "andrews.md", "in-your-ci.md"} <= {page.name for page, *_ in BLOCKS}
+
+
+# ---- Parts, sizes and words of pages -------------------------------------------------------------
+
+INDEX = (DOCS / "index.md").read_text(encoding="utf-8")
+PARTS = {
+    caption: [DOCS / f"{name}.md" for name in names.split()]
+    for caption, names in re.findall(
+        r"^```\{toctree\}\n:caption: ([^\n]*)\n:maxdepth: 1\n\n(.*?)^```$", INDEX, re.S | re.M
+    )
+}
+"""Part of the documentation -> its pages, in their order."""
+
+
+def test_the_documentation_has_five_parts_and_20_pages_of_use():
+    assert [*PARTS] == ["Use", "Explanation", "Evidence", "Development", "Reference"]
+    assert len(PARTS["Use"]) <= 20
+
+
+@pytest.mark.parametrize("page", PARTS["Use"], ids=[page.stem for page in PARTS["Use"]])
+def test_a_page_of_use_is_short_and_in_the_words_of_the_field(page: Path):
+    text = without_code(page.read_text(encoding="utf-8"))
+    words = len(re.findall(r"\w+", text))
+    assert words <= 1200
+    markers = sum(len(clause.findall(text)) for clause in CLAUSES.values())
+    assert markers <= math.ceil(3 * words / 1000)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_page_opens_with_a_sentence_about_what_it_is_for(part: str):
+    for page in PARTS[part]:
+        _, _, below = page.read_text(encoding="utf-8").partition("\n\n")
+        assert page.stem == "changelog" or re.match(r"[A-Z`\[{*]", below.lstrip()), page.name
+
+
+def test_every_page_is_in_one_part():
+    paths = [page for pages in PARTS.values() for page in pages]
+    children = {
+        page for page in PAGES if page.parent.name in ("theory", "scenes", "api", "figures")
+    }
+    children |= {page for page in PAGES if page.stem == "verified-equivalences"}
+    outside = {DOCS / "index.md", README}
+    assert len(paths) == len({*paths})
+    assert {*PAGES} - children - outside == {*paths} - children
+
+
+TYPED = [
+    (page, line)
+    for page in PAGES
+    for line in re.findall(r"^\$ (eomcheck [a-z].*)$", page.read_text(encoding="utf-8"), re.M)
+]
+"""Commands that pages show."""
+
+
+def test_commands_that_pages_show_have_the_options_that_there_are():
+    pytest.importorskip("sphinx")
+    known = loaded("commands").options_of()
+    assert len(TYPED) > 60
+    for page, line in TYPED:
+        words = line.split(" #")[0].split()
+        path = max((x for x in known if f"{' '.join(words)} ".startswith(f"{x} ")), key=len)
+        typed = {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)}
+        assert typed <= known[path], f"{page.name}: {line}"
+
+
+def test_examples_of_the_page_of_commands_are_run_by_tests():
+    from tests.cli.test_widths import COMMANDS
+
+    assert {*loaded("commands").EXAMPLES.values()} <= {*COMMANDS.values()}
 
 
 # ---- Renamed names -------------------------------------------------------------------------------

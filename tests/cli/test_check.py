@@ -85,12 +85,24 @@ def test_bad_input_is_one_sentence_and_exit_code_2(run, text: str, words, messag
     assert error.count("\n") == 1
 
 
-def test_the_guide_shows_what_is_printed_of_its_file(run):
-    guides = Path(__file__).parents[2] / "docs" / "guides"
-    page = (guides / "check-your-own.md").read_text(encoding="utf-8")
-    (_, shown) = page.split("<!-- eomcheck check half.py -->\n\n```text\n")
-    code, out, _ = run("half", (guides / "half.py").read_text(encoding="utf-8"))
-    assert code == 1
+GUIDES = Path(__file__).parents[2] / "docs" / "guides"
+FIX = "[m_load * length", "[-m_load * length"
+
+
+@pytest.mark.parametrize(
+    ("page", "file", "marker", "fix", "code"),
+    [
+        ("check-your-own", "half", "half.py", ("", ""), 1),
+        ("one-wrong-sign", "trolley", "trolley.py", ("", ""), 1),
+        ("one-wrong-sign", "trolley", "trolley.py with the fix", FIX, 0),
+    ],
+)
+def test_a_guide_shows_what_is_printed_of_its_file(run, page, file, marker, fix, code):
+    text = (GUIDES / f"{page}.md").read_text(encoding="utf-8")
+    (_, shown) = text.split(f"<!-- eomcheck check {marker} -->\n\n```text\n")
+    source = (GUIDES / f"{file}.py").read_text(encoding="utf-8")
+    ended, out, _ = run(file, source.replace(*fix))
+    assert ended == code
     # Numbers of measured errors depend on the processor.
-    alike = lambda text: re.sub(r"(error|allows) \S+", r"\1 x", text)  # noqa: E731
+    alike = lambda text: re.sub(r"(largest error).*|(error|allows) \S+", r"\1 x", text)  # noqa: E731
     assert alike(out).startswith(alike(shown.partition("```")[0]))

@@ -435,6 +435,9 @@ def _equal(x: Any, y: Any) -> bool:
 RUN = "## The run"
 """Heading of the section about one run alone."""
 
+SHARED = "## Shared parameters"
+"""Heading of the section about parameters that both derivations of a scene read."""
+
 
 def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
     """Write the page of verified equivalences.
@@ -461,6 +464,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         evidence=evidence_table,
         version=__version__,
         heading=RUN,
+        shared=SHARED,
         other_data=list(independent_parameters(overview)),
         commands=list(dict.fromkeys(commands(overview))),
         provenance=list(dict.fromkeys(origin_of(r) for r in of_run)),
