@@ -6,13 +6,14 @@ The values of `--scene` are interpreted here and in `eomcheck.class_lookup`, and
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 from eomcheck.class_lookup import LookupKind, class_named
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import mjcf_kind
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.descriptions.urdf_reader import FLOATING, urdf_kind
-from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.errors import InputError, UnknownNameError, distinct
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
@@ -79,7 +80,7 @@ def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:
 
 
 def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
-    """Return the scene classes of a name.
+    """Return the scene classes of a name, or of several with commas between them.
 
     Args:
         name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
@@ -92,6 +93,9 @@ def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
         InputError: no such file, no such scene in it, or a robot that `from_urdf` rejects; or a
             single snake instead of a scene class.
     """
+    if "," in name and not Path(_file_and_suffix(name)[0]).is_file():
+        names = (one.strip() for one in name.split(","))
+        return distinct("scene", [kind for one in names for kind in scene_classes_named(one)])
     if name in ROBOTS:
         raise InputError(f"scene = {name!r} is a single snake, expected a kind such as 'snake'")
     return tuple(SCENES.values()) if name == ALL else (_looked_up(name),)

@@ -38,7 +38,7 @@ def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatc
     how = "--examples", "1", "--family", "ordinary"
     assert run(*how, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
-    assert "no failure" in said and "2 links, without damping" in said and "equivalence" in said
+    assert "no failure" in said and "2 links, without stiffness" in said and "equivalence" in said
 
 
 def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path):

@@ -394,6 +394,14 @@ def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
         {"structure": "1 link", "motions": "11"},
         {"structure": "2 links", "motions": "22"},
     ]
+    campaign.by_variant.clear()
+    empty = [{"structure": "2 structures", "motions": "none"}]
+    assert table(finding_output.variant_table(campaign)) == empty
+    campaign.by_variant["2 links"] = 22
+    assert table(finding_output.variant_table(campaign)) == [
+        {"structure": "2 links", "motions": "22"},
+        {"structure": "1 more", "motions": "none"},
+    ]
     assert table(finding_output.crossing_table(campaign)) == [
         {"formulation": "im", "crossed": "3", "stopped before, or refused": "5"},
         {"formulation": "kane", "crossed": "0", "stopped before, or refused": "2"},

@@ -50,7 +50,7 @@ from eomcheck.draws.pairwise_design import (
     pairs_in,
     scene_cases,
 )
-from eomcheck.errors import InputError, RefusedError
+from eomcheck.errors import InputError, RefusedError, UnknownNameError
 from eomcheck.evaluation.dynamics import assembly_error, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import check_consistent
@@ -494,6 +494,10 @@ def test_a_drawn_scene_is_made_again_by_its_python_and_by_pickle(mechanisms):
 def test_a_random_kind_is_found_by_its_key_and_is_not_among_all(kind):
     assert scene_classes_named(kind.key) == (kind,)
     assert kind not in scene_classes_named("all")
+    several = scene_classes_named(f"sleigh, {kind.key},sleigh")
+    assert [one.key for one in several] == ["sleigh", kind.key]
+    with pytest.raises(UnknownNameError, match="unknown scene 'sleig'"):
+        scene_classes_named(f"sleig,{kind.key}")
     assert type(kind.example()) is kind
 
 

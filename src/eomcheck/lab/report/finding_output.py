@@ -274,6 +274,16 @@ def write_findings(path: Path, runs: Iterable[ValidationRun], selection: RunSele
 
 # ---- Fuzzing campaigns ---------------------------------------------------------------------------
 
+SCREENING = {
+    "passed in lanes": "screened: within the bound",
+    "failed in lanes": "screened: beyond it, which is checked again one by one",
+    "inconclusive in lanes": "screened: not decided",
+    "suspect": "states beyond it",
+    "suspects judged": "of these checked again",
+    "unlifted": "states checked by claims that are not screened",
+}
+"""Name of a count of a campaign -> its label; every other count is labelled by its name."""
+
 EVERY = 10.0
 """Seconds between two lines of progress."""
 
@@ -321,7 +331,7 @@ def campaign_table(campaign: Campaign) -> ResultTable:
     rows += [(name, str(counts[name])) for name in (*FAMILIES, "climbed") if counts[name]]
     shown = {name for name, _ in rows} | {"states"}
     rows += [
-        (name, str(x))
+        (SCREENING.get(name, name), str(x))
         for name, x in sorted(counts.items())
         if x
         and name not in shown
@@ -340,10 +350,12 @@ def campaign_table(campaign: Campaign) -> ResultTable:
 
 
 def variant_table(campaign: Campaign) -> ResultTable:
-    """Return the number of states by structural variant."""
-    counts = campaign.by_variant
-    rows = [(_variant_label(v.name), str(counts[v.name])) for v in campaign.variants]
-    noun = f"{campaign.plan.noun}s"
+    """Return the number of states by structural variant, and the number of those without any."""
+    counts, noun = campaign.by_variant, f"{campaign.plan.noun}s"
+    names = [variant.name for variant in campaign.variants if counts[variant.name]]
+    rows = [(_variant_label(name), str(counts[name])) for name in names]
+    if others := len(campaign.variants) - len(names):
+        rows.append((f"{others} more" if names else counted(others, "structure"), "none"))
     return ResultTable("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
 
 
