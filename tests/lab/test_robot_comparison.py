@@ -166,6 +166,21 @@ def test_an_inertia_without_products_is_named(tmp_path: Path):
     assert difference.text.startswith("diagonal only")
 
 
+def test_a_slide_that_is_mounted_elsewhere_is_named_and_not_its_bodies(tmp_path: Path):
+    slide = in_joint(0, 'rpy="0.2 0 0"', 'rpy="0 0 0"').replace(
+        'name="j0" type="revolute"', 'name="j0" type="prismatic"'
+    )
+    for place, text in (
+        ("0.2 0.1 0.3", "displaced by 0.2 m (0.2, 0, 0)"),
+        ("0.2 0.1 0.4", "displaced by 0.2 m (0.2, 0, 0)"),
+        ("0 0.1 0.4", "differs by 0.1 m"),
+    ):
+        other = slide.replace('origin xyz="0 0.1 0.3"', f'origin xyz="{place}"', 1)
+        found = compared(tmp_path, slide, other).differences
+        assert {x.where for x in found} == {"joint j0"}
+        assert any(text in str(x) for x in found)
+
+
 def test_joints_with_other_names_are_matched_by_request_and_by_their_place(tmp_path: Path):
     renamed = ARM.replace('name="j2"', 'name="elbow"').replace('name="j5"', 'name="wrist"')
     found = compared(tmp_path, ARM, renamed)

@@ -500,6 +500,19 @@ def _carried_placement(
                     [(what, text, float(abs(shift) / reach))],
                 )
 
+    def displaced_across(
+        moved: _Placement,
+    ) -> Iterator[tuple[_Placement, list[tuple[str, str, float]]]]:
+        for x, y, _ in carried.points:
+            apart = _across(y - moved.point(x), axis)
+            distance = float(np.linalg.norm(apart))
+            if distance > near * reach:
+                text = f"displaced by {distance:.4g} m ({_numbers(apart)})"
+                yield (
+                    moved._replace(p=moved.p + apart),
+                    [("placement", text, distance / reach)],
+                )
+
     explained: list[tuple[int, int, _Placement, list[tuple[str, str, float]]]] = []
     for moved in _moved_to(first, second, j, k, placement, near):
         off = carried.off(moved, within)
@@ -507,6 +520,11 @@ def _carried_placement(
         displaced = largest(moved.p - placement.p) > near * reach
         for candidate, found in () if slides else turned(moved):
             explained.append((carried.off(candidate, within), 1, candidate, found))
+        for candidate, found in displaced_across(moved) if slides else ():
+            alone = len(carried.points) == 1
+            explained.append((carried.off(candidate, within) + alone, 1, candidate, found))
+            for further, more in shifted(candidate):
+                explained.append((carried.off(further, within) + alone, 2, further, found + more))
         for candidate, found in shifted(moved):
             alone = len(carried.points) == 1 and not (displaced or slides)
             # One body alone may as well have another centre of mass.

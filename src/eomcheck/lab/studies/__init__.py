@@ -29,6 +29,7 @@ STUDIES: dict[str, str] = {
     "true digits.",
     "robots": "Check and prove robot descriptions, and compare how libraries read them.",
     "robot-files": "Count the robot files of packages that are read, and why others are refused.",
+    "robot-pairs": "Compare the URDF of a robot in one package with its MJCF in another.",
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",

@@ -58,11 +58,24 @@ def robot_path(robot: str) -> Path:
             known = ", ".join(ROBOTS)
             raise InputError(f"robot = {robot!r}, expected a file or one of: {known}")
         return path
-    package, end = ROBOTS[robot]
+    return packaged_file(robot, ROBOTS[robot])
+
+
+def packaged_file(name: str, robot: RobotFile) -> Path:
+    """Return the path of a robot description in its package.
+
+    Args:
+        name: name of the robot.
+        robot: its package and file.
+
+    Raises:
+        EngineError: the package is not installed, or has no such file.
+    """
+    package, end = robot
     try:
         files = metadata.files(package) or []
     except metadata.PackageNotFoundError:
-        raise EngineError(f"{robot} comes with {package}, which is not installed") from None
+        raise EngineError(f"{name} comes with {package}, which is not installed") from None
     for file in files:
         if str(file).endswith(end):
             return Path(str(file.locate()))
