@@ -220,6 +220,50 @@ def test_digits_of_a_rounded_file_are_no_difference_and_short_numbers_are_exact(
     assert [x.what for x in compared(tmp_path, ARM, other).differences] == ["mass"]
 
 
+def test_digits_are_those_of_numbers_of_the_same_sort(tmp_path: Path):
+    exact = ARM.replace('mass value="2.6"', 'mass value="2.6000012"')
+    fine = ARM.replace('xyz="0 0.1 0.27"', 'xyz="0 0.10000000001 0.27"')
+    assert fine != ARM
+    found = compared(tmp_path, fine, fine.replace('mass value="2.6"', 'mass value="2.600001"'))
+    assert found.is_same  # masses have seven digits, whatever the places of joints have
+    other = exact.replace('mass value="3"', 'mass value="3.00000002"')
+    (difference,) = compared(tmp_path, exact, other.replace("2.6000012", "2.6000112")).differences
+    assert difference.what == "mass"
+
+
+def test_a_base_does_not_move_along_axes_that_all_its_joints_have(tmp_path: Path):
+    joints = ""
+    for k, y in (("left", 0.1), ("right", -0.1)):
+        link = ARM[ARM.index('<link name="link0">') : ARM.index('<joint name="j0"')]
+        joints += link.replace("link0", k) + (
+            f'<joint name="{k}" type="continuous"><parent link="trunk"/><child link="{k}"/>'
+            f'<origin xyz="0.2 {y} 0"/><axis xyz="1 0 0"/></joint>'
+        )
+    trunk = ARM[ARM.index('<link name="link1">') : ARM.index('<joint name="j1"')]
+    trunk = trunk.replace("link1", "trunk")
+    texts = [
+        f'<robot name="r">{x}{joints}</robot>' for x in (trunk, trunk.replace('"0.1', '"0.11'))
+    ]
+    paths = tmp_path / "a.urdf", tmp_path / "b.urdf"
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
+    scenes = [from_urdf(path, floating=True) for path in paths]
+    (difference,) = compare_robots(*scenes, {}, 1).differences
+    assert (difference.where, difference.what) == ("body of trunk_roll (trunk)", "center of mass")
+
+
+def test_many_links_of_a_body_are_named_in_part(tmp_path: Path):
+    tags = "".join(
+        f'<link name="tag{i}"/><joint name="fix{i}" type="fixed"><parent link="link5"/>'
+        f'<child link="tag{i}"/></joint>'
+        for i in range(6)
+    )
+    whole = ARM.replace("</robot>", f"{tags}</robot>")
+    lighter = whole.replace('<mass value="1"/>', '<mass value="1.5"/>')
+    (difference,) = compared(tmp_path, whole, lighter).differences
+    assert difference.where == "body of j5 (link5, tag0, tag1, tag2, tag3 and 2 others)"
+
+
 def test_a_scene_without_a_tree_is_refused():
     scene = next(kind.example() for kind in SCENES.values() if kind.example().tree() is None)
     with pytest.raises(InputError, match="has no tree of bodies"):

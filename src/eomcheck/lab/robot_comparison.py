@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ import numpy as np
 from eomcheck.claims.confusions import agreement_within, scaling
 from eomcheck.descriptions.doubtful_numbers import FEWEST_DIGITS
 from eomcheck.descriptions.joint_tree import RigidBody
+from eomcheck.descriptions.mjcf_reader import MJCF, included_files
+from eomcheck.descriptions.urdf_reader import URDF, Element, root_of
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint
@@ -31,7 +34,22 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 
+FAR_OFF = 10.0
+"""Misfit, over the closeness of numbers, that decides between placements before smaller ones do:
+turned to other axes, directions have the errors of points that are far from them."""
+
+ALIGNED = 0.9
+"""Cosine of the angle between two lines above which one does not fix a place along the other."""
+
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+INERTIAL = {"xyz": "center", "pos": "center", "mass": "mass"}
+"""Attribute of an inertial -> sort of its numbers; the others are those of its inertia."""
+
+PLACEMENT = frozenset(
+    {"xyz", "rpy", "pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "ref", "fromto"}
+)
+"""Attributes of other elements that place something."""
 
 
 class RobotDifference(NamedTuple):
@@ -109,14 +127,14 @@ def compare_robots(
     """
     sides = _Side(first), _Side(second)
     matched, by_structure = match_joints(*sides, match or {})
-    resolution = max(side.resolution for side in sides)
-    found = _merged([*_unmatched(*sides, matched), *_differences(*sides, matched, resolution)])
+    found = _merged([*_unmatched(*sides, matched), *_differences(*sides, matched)])
     found.sort(key=lambda one: -one.size)
     whole = len(matched) == len(sides[0].tree.joint) == len(sides[1].tree.joint)
     effects = tuple(_effects(*sides, matched, examples)) if whole and found else ()
     names = sides[0].name, sides[1].name
     if names[0] == names[1]:
         names = sides[0].location, sides[1].location
+    resolution = max(x for side in sides for x in side.resolutions.values())
     return RobotComparison(names, matched, by_structure, tuple(found), effects, resolution)
 
 
@@ -154,14 +172,18 @@ class _Side:
         self.R, self.p = _placed(tree)
         self.index = {name: j for j, name in enumerate(tree.name)}
 
-    @property
-    def resolution(self) -> float:
-        """Relative rounding error of the numbers in its file."""
+    @cached_property
+    def resolutions(self) -> dict[str, float]:
+        """Sort of numbers -> relative rounding error of those in its file."""
         if self.file is None or not self.file.is_file():
-            return EPS
-        texts = NUMBERS.findall(self.file.read_text(encoding="utf-8", errors="replace"))
-        digits = max(FEWEST_DIGITS, digits_of(texts).significant if texts else FEWEST_DIGITS)
-        return max(EPS, 0.5 * 10.0 ** (1 - digits))
+            return dict.fromkeys(SORTS, EPS)
+        texts: dict[str, list[str]] = {sort: [] for sort in SORTS}
+        is_mjcf = self.file.suffix != ".urdf"
+        for path in included_files(self.file) if is_mjcf else [self.file]:
+            for sort, text in _sorted_texts(root_of(path, MJCF if is_mjcf else URDF)):
+                texts[sort] += NUMBERS.findall(text)
+        digits = {x: digits_of(y).significant if y else 0 for x, y in texts.items()}
+        return {x: max(EPS, 0.5 * 10.0 ** (1 - max(FEWEST_DIGITS, y))) for x, y in digits.items()}
 
     @property
     def reach(self) -> float:
@@ -184,8 +206,11 @@ class _Side:
         return self.R[j] @ self.tree.inertia[j] @ self.R[j].T
 
     def links(self, j: int) -> str:
-        """Return the names of the links that a joint carries."""
-        return ", ".join(frame.name for frame in self.tree.frames if frame.joint == j)
+        """Return the names of the links that a joint carries, the first `MOST_LINKS` of them."""
+        names = [frame.name for frame in self.tree.frames if frame.joint == j]
+        more = len(names) - MOST_LINKS
+        listed = ", ".join(names[:MOST_LINKS])
+        return listed + (f" and {counted(more, 'other')}" if more > 0 else "")
 
     def frame(self, j: int) -> tuple[Array, Array, str]:
         """Return axes, origin and name of the first link that a joint carries, or of the joint."""
@@ -198,6 +223,47 @@ class _Side:
         """Return the name of the body of a joint."""
         links = self.links(j)
         return f"body of {self.tree.name[j]}" + (f" ({links})" if links else "")
+
+
+MOST_LINKS = 5
+"""Largest number of links that are named."""
+
+SORTS = "mass", "center", "inertia", "placement", "coefficient"
+"""Sorts of numbers in a file; a program may print each with digits of its own."""
+
+
+def _sorted_texts(element: Element, within: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the numbers of a file as texts, each with its sort."""
+    inertial = "inertial" in (element.tag, within)
+    for name, text in element.attrib.items():
+        if inertial:
+            sort = "mass" if element.tag == "mass" else INERTIAL.get(name, "inertia")
+        else:
+            sort = "placement" if name in PLACEMENT else "coefficient"
+        if name not in ("name", "class", "file", "filename"):
+            yield sort, text
+    for child in element:
+        yield from _sorted_texts(child, "inertial" if inertial else "")
+
+
+class Closeness(NamedTuple):
+    """Largest differences that the printed digits of two files explain, all relative."""
+
+    mass: float
+    center: float
+    inertia: float
+    placement: float
+    coefficient: float
+
+    @classmethod
+    def of(cls, first: _Side, second: _Side) -> Closeness:
+        """Return the closeness of two robots."""
+        x, y = first.resolutions, second.resolutions
+        error = {sort: max(x[sort], y[sort]) for sort in SORTS}
+        # Bodies are compared where the joints before them have placed them.
+        placed = error["placement"]
+        center, inertia = (C * max(error[sort], placed) for sort in ("center", "inertia"))
+        return cls(2.0 * error["mass"], center, inertia, C * placed, 2.0 * error["coefficient"])
 
 
 def _placed(tree: Tree) -> tuple[list[Array], list[Array]]:
@@ -309,7 +375,7 @@ class _PlacedPair(NamedTuple):
 
 
 def _placed_pairs(
-    first: _Side, second: _Side, matched: Mapping[str, str], reach: float, near: float
+    first: _Side, second: _Side, matched: Mapping[str, str], reach: float, near: Closeness
 ) -> Iterator[_PlacedPair]:
     """Yield the matched joints from the ground outwards."""
     placements: dict[int, _Placement] = {-1: _Placement(np.eye(3), np.zeros(3))}
@@ -323,11 +389,11 @@ def _placed_pairs(
 
 
 def _differences(
-    first: _Side, second: _Side, matched: Mapping[str, str], resolution: float
+    first: _Side, second: _Side, matched: Mapping[str, str]
 ) -> Iterator[RobotDifference]:
     """Yield the differences between matched joints and their bodies."""
     reach = max(first.reach, second.reach)
-    near, printed = C * resolution, 2.0 * resolution
+    near = Closeness.of(first, second)
     for pair in _placed_pairs(first, second, matched, reach, near):
         name, (j, k) = first.tree.name[pair.joints[0]], pair.joints
         other = second.tree.name[k]
@@ -343,12 +409,12 @@ def _differences(
             kinds = {"p": "a slide", "r": "a hinge"}
             texts = [kinds[side.tree.joint[i][0]] for side, i in ((first, j), (second, k))]
             yield RobotDifference(where, "kind", f"{texts[0]}, {texts[1]}", 1.0)
-        yield from _axis_differences(first, second, j, k, where, pair.before, reach, near)
+        yield from _axis_differences(first, second, j, k, where, pair.before, reach, near.placement)
         for difference in pair.explained:
             yield RobotDifference(where, *difference)
-        yield from _coefficients(first, second, j, k, where, printed)
-        yield from _body_differences(first, second, j, k, pair.placement, reach, near, printed)
-    yield from _gravity_difference(first, second, printed)
+        yield from _coefficients(first, second, j, k, where, near.coefficient)
+        yield from _body_differences(first, second, j, k, pair.placement, reach, near)
+    yield from _gravity_difference(first, second, near.coefficient)
 
 
 def _axis_differences(
@@ -409,6 +475,7 @@ class _Carried:
         j, k: the joint on both sides.
         matched: matched joints.
         reach: size of the robots, m.
+        near: closeness of their numbers.
     """
 
     def __init__(
@@ -419,12 +486,13 @@ class _Carried:
         k: int,
         matched: Mapping[str, str],
         reach: float,
+        near: Closeness,
     ):
         names = first.tree.name
         mounted = (i for i, parent in enumerate(first.tree.parent) if parent == j)
         children = [i for i in mounted if names[i] in matched]
         partners = [second.index[matched[names[i]]] for i in children]
-        self.reach = reach
+        self.reach, self.near = reach, near
         self.points: list[tuple[Array, Array, Array | None]] = []
         if first.tree.mass[j] > 0 and second.tree.mass[k] > 0:
             self.points.append((first.center(j), second.center(k), None))
@@ -435,24 +503,36 @@ class _Carried:
                 self.points.append((first.p[child], second.p[partner], second.axis(partner)))
         self.inertias = first.inertia(j), second.inertia(k)
 
+    def fixed_along(self, axis: Array) -> int:
+        """Return the number of points that are known along an axis; those of lines are not."""
+        lines = (line for _, _, line in self.points)
+        return sum(line is None or abs(line @ axis) < ALIGNED for line in lines)
+
     def misfits(self, placement: _Placement) -> list[float]:
-        """Return how far each point and direction is off, relative to the size of the robots."""
+        """Return how far each point, direction and inertia is off, over its closeness."""
+        near = self.near
         points = [
-            largest(_across(placement.point(x) - y, line)) / self.reach
+            largest(_across(placement.point(x) - y, line))
+            / (self.reach * (near.center if line is None else near.placement))
             for x, y, line in self.points
         ]
         ours, theirs = self.inertias
         size = largest(theirs)
         turned = largest(placement.R @ ours @ placement.R.T - theirs) / size if size else 0.0
         directions = [
-            min(largest(placement.R @ x - y), largest(placement.R @ x + y))
+            min(largest(placement.R @ x - y), largest(placement.R @ x + y)) / near.placement
             for x, y in self.directions
         ]
-        return [*points, *directions, turned]
+        return [*points, *directions, turned / near.inertia]
 
-    def off(self, placement: _Placement, near: float) -> int:
-        """Return the number of points, directions and inertias that are off."""
-        return sum(x > near for x in self.misfits(placement))
+    def off(self, placement: _Placement, by: float = 1.0) -> int:
+        """Return the number of points, directions and inertias that are off.
+
+        Args:
+            placement: placement of what the joint carries.
+            by: largest misfit, over the closeness of numbers.
+        """
+        return sum(bool(x > by) for x in self.misfits(placement))
 
 
 def _carried_placement(
@@ -463,18 +543,17 @@ def _carried_placement(
     matched: Mapping[str, str],
     placement: _Placement,
     reach: float,
-    near: float,
+    closeness: Closeness,
 ) -> tuple[_Placement, list[tuple[str, str, float]]]:
     """Return the placement of what a joint carries, and the differences that it explains.
 
     Of all placements that one difference of the joint explains it is the one that most of what the
     joint carries agrees with: one body that is wrong does not turn the arm.
     """
-    carried = _Carried(first, second, j, k, matched, reach)
+    carried = _Carried(first, second, j, k, matched, reach, closeness)
+    near = closeness.placement
     axis, anchor = second.axis(k), second.p[k]
     slides = first.tree.joint[j][0] == "p"
-    # Turned to other axes, directions have the errors of points that are far from them.
-    within = 1e1 * near
 
     def turned(moved: _Placement) -> Iterator[tuple[_Placement, list[tuple[str, str, float]]]]:
         vectors = [(moved.point(x) - anchor, y - anchor) for x, y, _ in carried.points]
@@ -483,14 +562,14 @@ def _carried_placement(
             if min(np.linalg.norm(x), np.linalg.norm(y)) > 1e3 * near * reach:
                 angle = float(np.arctan2(axis @ np.cross(x, y), x @ y))
                 text = f"differs by {np.rad2deg(angle):.6g}°"
-                if abs(angle) > within:
+                if abs(angle) > FAR_OFF * near:
                     found = [("zero position", text, abs(angle))]
                     yield moved.about(anchor, _rotation(axis, angle)), found
 
     def shifted(moved: _Placement) -> Iterator[tuple[_Placement, list[tuple[str, str, float]]]]:
         for x, y, line in carried.points:
             shift = float((y - moved.point(x)) @ axis) if line is None else 0.0
-            if line is not None and abs(line @ axis) < 0.9:
+            if line is not None and abs(line @ axis) < ALIGNED:
                 shift = float(_across(y - moved.point(x), line) @ axis) / (1 - (line @ axis) ** 2)
             if abs(shift) > near * reach:
                 text = f"differs by {shift:.6g} m" if slides else f"along its axis by {shift:.6g} m"
@@ -514,21 +593,25 @@ def _carried_placement(
                 )
 
     explained: list[tuple[int, int, _Placement, list[tuple[str, str, float]]]] = []
+
+    def explain(moved: _Placement, found: list[tuple[str, str, float]], alone: bool) -> None:
+        # One body alone may as well have another center of mass.
+        off = carried.off(moved, FAR_OFF) + alone
+        explained.append((off, carried.off(moved) + len(found), moved, found))
+
     for moved in _moved_to(first, second, j, k, placement, near):
-        off = carried.off(moved, within)
-        explained.append((off, 0, moved, []))
+        explain(moved, [], False)
         displaced = largest(moved.p - placement.p) > near * reach
         for candidate, found in () if slides else turned(moved):
-            explained.append((carried.off(candidate, within), 1, candidate, found))
+            explain(candidate, found, False)
         for candidate, found in displaced_across(moved) if slides else ():
             alone = len(carried.points) == 1
-            explained.append((carried.off(candidate, within) + alone, 1, candidate, found))
+            explain(candidate, found, alone)
             for further, more in shifted(candidate):
-                explained.append((carried.off(further, within) + alone, 2, further, found + more))
+                explain(further, found + more, alone)
         for candidate, found in shifted(moved):
-            alone = len(carried.points) == 1 and not (displaced or slides)
-            # One body alone may as well have another centre of mass.
-            explained.append((carried.off(candidate, within) + alone, 1, candidate, found))
+            alone = carried.fixed_along(axis) == 1 and not (displaced or slides)
+            explain(candidate, found, alone)
     _, _, best, found = min(explained, key=lambda one: one[:2])
     return best, found
 
@@ -583,29 +666,28 @@ def _body_differences(
     k: int,
     placement: _Placement,
     reach: float,
-    near: float,
-    printed: float,
+    near: Closeness,
 ) -> Iterator[RobotDifference]:
     """Yield the differences between the bodies of two joints."""
     m, m_other = float(first.tree.mass[j]), float(second.tree.mass[k])
     where = first.body(j)
-    if abs(m - m_other) > printed * max(m, m_other):
+    if abs(m - m_other) > near.mass * max(m, m_other):
         yield RobotDifference(where, "mass", _both(m, m_other, " kg"), _relative(m, m_other))
     if m > 0.0 and m_other > 0.0:
         center = placement.point(first.center(j))
         apart = second.center(k) - center
-        if largest(apart) > near * reach:
+        if largest(apart) > near.center * reach:
             R, at, name = second.frame(k)
             places = [R.T @ (x - at) for x in (center, second.center(k))]
-            mirrored = _mirror(places[0], places[1], near * reach)
+            mirrored = _mirror(places[0], places[1], near.center * reach)
             texts = [_numbers(x) for x in places]
             text = f"({texts[0]}) m, ({texts[1]}) m in the frame of {name}"
             size = float(np.linalg.norm(apart)) / reach
             yield RobotDifference(where, "center of mass", text + mirrored, size)
     ours, theirs = placement.R @ first.inertia(j) @ placement.R.T, second.inertia(k)
     size = max(largest(ours), largest(theirs))
-    if largest(ours - theirs) > near * size:
-        what = _inertia_confusion(first, second, j, k, placement, ours, theirs, near * size)
+    if largest(ours - theirs) > near.inertia * size:
+        what = _inertia_confusion(first, second, j, k, placement, ours, theirs, near.inertia * size)
         change = largest(ours - theirs) / size
         text = what or f"off by {100 * change:.3g} % of its largest entry"
         yield RobotDifference(where, "inertia", text, change)
@@ -701,7 +783,7 @@ class BodyPair(NamedTuple):
 def body_pairs(first: Scene, second: Scene, comparison: RobotComparison) -> Iterator[BodyPair]:
     """Yield the bodies of the first robot at the places that they have in the second one."""
     sides = _Side(first), _Side(second)
-    reach, near = max(side.reach for side in sides), C * comparison.resolution
+    reach, near = max(side.reach for side in sides), Closeness.of(*sides)
     for pair in _placed_pairs(*sides, comparison.matched, reach, near):
         (j, k), R, (one, other) = pair.joints, pair.placement.R, sides
         center = pair.placement.point(one.center(j))

@@ -102,7 +102,7 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
                 f"{pair.first.package}, {pair.second.package}",
                 str(record.counts["joints"]),
                 ", ".join(f"{count} {what}" for what, count in sorts) or Cell("the same", "passed"),
-                *("" if x is None else f"{100.0 * x:.2g}" for x in effects),
+                *("" if x is None else f"{100.0 * x:.3g}" for x in effects),
             )
         )
     heads = ("robot", "URDF and MJCF of", "joints", "differences")
