@@ -47,7 +47,7 @@ extensions = [
     "sphinx.ext.githubpages",  # folders that begin with _ are served too
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_generated", "figures/*.md"]
+exclude_patterns = ["_build", "_generated", "figures/*.md", "paper-joss"]
 default_role = "code"
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
