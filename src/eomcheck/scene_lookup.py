@@ -148,3 +148,8 @@ def scene_named(
     else:
         scene = kind.example() if links is None else next(kind.structures(links))
     return with_parameters(scene, given or {})
+
+
+def lookup_name(kind: type[Scene], asked: str) -> str:
+    """Return the name by which a scene class is looked up again: its key, or else `asked`."""
+    return kind.key if SCENES.get(kind.key) is kind else asked

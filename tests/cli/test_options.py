@@ -329,6 +329,15 @@ CASES: dict[str, dict[str, Case]] = {
         "names": ("disk", {"produce_all.cases": "~{'disk': {"}),
         "folder": ("--folder .", {"write_reference.folder": "."}),
         "executor": ("--executor local:2", {"produce_all.executor": "local:2"}),
+        **PATIENT,
+        "scene": (
+            "--scene sleigh",
+            {"produce_all.cases": "~{'sleigh-motion': {", "write_reference.scene": "sleigh"},
+        ),
+        "links": ("--links 2", {"produce_all.cases": "~links=2"}, "--scene snake"),
+        "settings": ("--set offset=0.25", {"produce_all.cases": "~0.25"}, "--scene sleigh"),
+        "speeds": ("--speeds 1,7", {"produce_all.cases": "~7.0"}, "--scene sleigh"),
+        "end": ("--end 7", {"produce_all.cases": "~7.0"}, "--scene sleigh"),
     },
     "fuzz": {
         **PATIENT,
@@ -497,6 +506,7 @@ CASES: dict[str, dict[str, Case]] = {
         "end": ("--end 3", {"sketches_of_motion.end": 3.0}, GIF),
         "frames": ("--frames 9", {"sketches_of_motion.frames": 9}, GIF),
         "formulation": ("--formulation el", {"sketches_of_motion.formulation": "el"}, GIF),
+        "speeds": ("--speeds 1,2", {"sketches_of_motion.u0": [1.0, 2.0]}, GIF),
     },
     "draw structure": {
         "path": ("b.svg", {"draw_structure.path": "b.svg"}, ""),

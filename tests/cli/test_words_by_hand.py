@@ -476,7 +476,8 @@ def drawn(monkeypatch, tmp_path) -> list[Any]:
     monkeypatch.chdir(tmp_path)
     seen: list[Any] = []
 
-    def moved(scene, how, until, count):
+    def moved(scene, how, until, count, u0):
+        assert u0 is None
         seen.append(("moved", scene.structure, how, until, count))
         return ["sketch"], np.array([0.0, 2.0]), 3
 

@@ -45,7 +45,6 @@ from eomcheck.lab.fuzzing.failures import (
     diagnosis_of,
     failure_record,
     first_of_each_cause,
-    lookup_name,
     read_failures,
     replay_failures,
     shrink,
@@ -57,6 +56,7 @@ from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFin
 from eomcheck.lab.fuzzing.screening import Diagnosis, keys_in_subject
 from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.mechanics.records import Range, State
+from eomcheck.scene_lookup import lookup_name
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import EquationsOfMotion
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from eomcheck.claims import Finding
 from eomcheck.draws import fuzz_cases as mutation
 from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.errors import EomcheckError, InputError, RefusedError
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab import references, study
@@ -26,6 +28,7 @@ from eomcheck.lab.references import REFERENCE_CASES, ReferenceCase
 from eomcheck.lab.show import pictures
 from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State
+from eomcheck.motion.reference_solution import load_reference
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake, TurntableBall
 
 # ---- Motions by one formulation ------------------------------------------------------------------
@@ -483,9 +486,52 @@ def test_a_reference_is_written_under_its_name_with_the_command_that_makes_it(mo
     monkeypatch.setattr(references, "save_reference", lambda *of, **how: written.append((of, how)))
     one = cast(Any, SimpleNamespace(name="disk"))
     path = references.write_reference(one, Path("here"))
-    ((of, how),) = written
-    assert path == Path("here") / "disk.json" and of == (one, path)
+    own = cast(Any, SimpleNamespace(name="mine", scene=Sleigh.example()))
+    references.write_reference(own, Path("here"), "own.py:Own")
+    references.write_reference(own, Path("here"), "sleigh")
+    (of, how), *scenes = written
+    assert path == Path("here") / "disk.json" and of == (one, path, "")
     assert how == {"made_by": "eomcheck reference disk", "eomcheck": references.__version__}
+    # A built-in class is stored by its key, whatever it was called.
+    assert [of[2] for of, _ in scenes] == ["sleigh", "sleigh"]
+    assert scenes[0][1]["made_by"] == "eomcheck reference mine --scene own.py:Own"
+
+
+class OwnSleigh(Sleigh):
+    """A scene of a user."""
+
+
+def test_a_reference_about_a_scene_of_a_file_is_read_with_its_class_and_never_imports_one(
+    tmp_path,
+):
+    source = Path(__file__).parents[2] / "validation" / "references" / "sleigh.json"
+    document = json.loads(source.read_text(encoding="utf-8"))
+    document["scene"]["kind"] = "own.py:OwnSleigh"
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    own = load_reference(path, OwnSleigh)
+    assert type(own.scene) is OwnSleigh
+    assert own.q.tolist() == load_reference(source).q.tolist()
+    with pytest.raises(InputError, match=r"name it by --scene own\.py:OwnSleigh"):
+        load_reference(path)
+    with pytest.raises(InputError, match=r"its parameters are those of 'own\.py:OwnSleigh', not"):
+        load_reference(path, ChainPendulum)
+    with pytest.raises(InputError, match="compute it: eomcheck reference mine --scene sleigh"):
+        references.stored_reference("mine", tmp_path, "sleigh")
+
+
+def test_the_case_of_a_scene_starts_as_it_does_or_with_other_speeds():
+    scene = OwnSleigh()
+    case = references.case_of(scene, None, 0.5, 5)
+    q, v = scene.initial_state()
+    assert case.scene() is scene and case.times.tolist() == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
+    assert np.allclose(velocity(scene, q, case.u0), v, rtol=1e-15, atol=1e-15)
+    assert references.case_of(scene, [1.0, 2.0], 1.0).u0 == (1.0, 2.0)
+    assert references.reference_name(scene) == "sleigh-motion"
+    assert references.reference_name(Snake.coil(3)) == "snake-3"
+    for end in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(InputError, match=r"end = .*, expected a positive number of seconds"):
+            references.case_of(scene, None, end)
 
 
 def run_of(drift: float | None, steps: int, seconds: float, longest: float = 0.5) -> Any:
@@ -622,8 +668,8 @@ def test_a_motion_is_made_from_the_start_given_or_the_scene_s_own(monkeypatch):
 def test_sketches_of_a_motion_are_six_a_frame_at_equal_times(monkeypatch):
     asked = []
 
-    def simulate(*of, output_times):
-        asked.append(of[1:])
+    def simulate(*of, output_times, u0):
+        asked.append((*of[1:], u0))
         k = len(output_times) - (of[1] == "el")
         q = np.arange(3.0 * k).reshape(k, 3)
         status = "finished" if of[1] == "kane" else "failed"
@@ -632,9 +678,11 @@ def test_sketches_of_a_motion_are_six_a_frame_at_equal_times(monkeypatch):
     monkeypatch.setattr("eomcheck.motion.simulate.simulate", simulate)
     monkeypatch.setattr(pictures, "sketch_of", lambda scene, q, t: (q[0], t))
     sketches, times, every = pictures.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3)
-    assert every == 6 and asked == [("kane", 0.4)]
+    assert every == 6 and asked == [("kane", 0.4, None)]
     assert times == pytest.approx(np.arange(13) / 30)
     assert sketches == [(3.0 * k, t) for k, t in enumerate(times)]
+    pictures.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3, [1.0, 2.0])
+    assert asked[1:] == [("kane", 0.4, [1.0, 2.0])]
     with pytest.raises(InputError, match="frames = 1, expected at least 2"):
         pictures.sketches_of_motion(Sleigh.example(), "kane", 0.4, 1)
     with pytest.raises(InputError, match="the motion of sleigh by el failed: too steep"):

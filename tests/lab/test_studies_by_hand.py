@@ -635,9 +635,7 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
 
     drift = SimpleNamespace(rate=2e-9, exponent=1.5)
     of, timing = "eomcheck.lab.studies.work_precision.", "eomcheck.lab.study."
-    monkeypatch.setattr(
-        f"{of}stored_reference", lambda name, folder: asked.append((name, folder)) or reference
-    )
+    monkeypatch.setattr(f"{of}stored_reference", lambda *of: asked.append(of) or reference)
     monkeypatch.setattr(f"{of}prepare_motion", ready)
     monkeypatch.setattr(f"{timing}trajectory_of", trajectory_of)
     monkeypatch.setattr(f"{timing}run_time", run_time)
@@ -645,13 +643,13 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
     monkeypatch.setattr(
         f"{of}DRIFTS", {"constraint": lambda run: None, "energy": lambda run: drift}
     )
-    work = work_precision.worker([], references="folder")  # type: ignore[arg-type]
+    work = work_precision.worker([], references="folder", scene="x.py:X")  # type: ignore[arg-type]
     settings = {"reference": "own", "formulation": "kane", "integrator": "BDF", "tolerance": 1e-5}
     record = work(settings)
     options = {"integrator": "BDF", "rtol": 1e-5, "atol": 1e-5}
     times = {"output_times": reference.times}
     assert asked == [
-        ("own", "folder"),
+        ("own", "folder", "x.py:X"),
         ("ready", "kane", True, True),
         ("every step", 4.0, times | options),
         ("solve", 4.0, times | options),

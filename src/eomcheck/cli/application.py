@@ -29,6 +29,7 @@ from eomcheck.lab.option_parsing import (
     SCENE_HELP,
     SET_HELP,
     no_more_than,
+    parse_numbers,
     parse_parameters,
     split_list,
 )
@@ -44,10 +45,11 @@ EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
     1: "a claim fails, a motion does not reach its end, a formulation refuses, "
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
-    "(`constraints`), code that is not ours ends its process, or gives no answer when it is called",
-    2: "bad input, an import that raises, exits or gives no answer, a missing library, nothing "
-    "decided about any claim (`check`, `validate`), library or engine (`compare`, `validate "
-    "--engine`), or results that could not be written",
+    "(`constraints`), code that is not ours ends its process or gives no answer, its import "
+    "included",
+    2: "bad input, an import that raises or exits, a missing library, nothing decided about any "
+    "claim (`check`, `validate`), library or engine (`compare`, `validate --engine`), or results "
+    "that could not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 
@@ -393,6 +395,29 @@ def selected_scene(name: str, links: int | None, settings: list[str] | None) -> 
     from eomcheck.scene_lookup import scene_named
 
     return scene_named(name, no_more_than(links), parameters)
+
+
+SpeedsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,X",
+        help="Generalized speeds at the start: 1,0.5, or repeated. [default: the scene's]",
+    ),
+]
+
+
+def selected_speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
+    """Return p generalized speeds, or None by default.
+
+    Raises:
+        InputError: a text is no number, or there are not p of them.
+    """
+    if not texts:
+        return None
+    speeds = parse_numbers("speeds", texts)
+    if len(speeds) != scene.p:
+        raise InputError(f"speeds = {speeds}: {scene.name} has {scene.p}, expected so many numbers")
+    return speeds
 
 
 def selected_engines(names: list[str] | None, isolated: bool = False) -> list[str] | None:

@@ -23,6 +23,7 @@ from eomcheck.cli.application import (
     IsolatedOption,
     Json,
     Links,
+    OptionalSceneOption,
     Patience,
     RecordsOption,
     ReportedClaims,
@@ -30,6 +31,7 @@ from eomcheck.cli.application import (
     SceneOption,
     Seed,
     SetOption,
+    SpeedsOption,
     app,
     check_folder,
     check_output,
@@ -43,6 +45,7 @@ from eomcheck.cli.application import (
     seed_option,
     selected_engines,
     selected_scene,
+    selected_speeds,
 )
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.option_parsing import (
@@ -535,29 +538,58 @@ def export_records(
 def reference_command(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAMES", help="References to compute. [default: all]"),
+        typer.Argument(
+            metavar="NAMES",
+            help="References to compute; with --scene the name of its one. [default: all, and that "
+            "of the scene]",
+        ),
+    ] = None,
+    scene: OptionalSceneOption = None,
+    links: Links = None,
+    settings: SetOption = None,
+    speeds: SpeedsOption = None,
+    end: Annotated[
+        float | None,
+        typer.Option(metavar="END", help="With --scene: end of the motion, s. [default: 1]"),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
     executor: ExecutorOption = "local",
+    patience: Patience = PATIENCE,
 ) -> None:
-    """Compute reference solutions, each by two derivations, and write them."""
+    """Compute reference solutions, each by two derivations, and write them.
+
+    With --scene that of any scene or robot, from its initial state.
+    """
     check_folder(folder)
     from eomcheck.lab.references import (
         REFERENCE_CASES,
+        case_of,
         produce_all,
         reference_case,
+        reference_name,
         reference_table,
         write_reference,
     )
     from eomcheck.lab.show.table import print_tables
     from eomcheck.lab.store.parallel_map import check_executor
 
-    cases = {name: reference_case(name) for name in names or REFERENCE_CASES}
+    if scene is None:
+        check_used("without --scene", links=links, set=settings, speeds=speeds, end=end)
+        cases = {name: reference_case(name) for name in names or REFERENCE_CASES}
+    else:
+        chosen_scene = selected_scene(scene, links, settings)
+        name, *more = names or [reference_name(chosen_scene)]
+        if more:
+            raise InputError(f"names = {names}, expected one for the reference of {scene}")
+        if name in REFERENCE_CASES:
+            raise InputError(f"name = {name!r} is that of a reference of eomcheck")
+        u0 = selected_speeds(chosen_scene, speeds)
+        cases = {name: case_of(chosen_scene, u0, 1.0 if end is None else end)}
     for name in cases:
         check_writable(folder / f"{name}.json")
     check_executor(executor)
     for reference in produce_all(cases, executor):
-        path = write_reference(reference, folder)
+        path = write_reference(reference, folder, scene)
         print_tables([reference_table([reference])])
         print(f"written: {path}")
 

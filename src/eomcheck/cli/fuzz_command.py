@@ -218,8 +218,7 @@ def fuzz_command(
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
-    from eomcheck.lab.fuzzing.failures import lookup_name
-    from eomcheck.scene_lookup import scene_classes_named
+    from eomcheck.scene_lookup import lookup_name, scene_classes_named
 
     kinds = scene_classes_named(scene)
     if len(kinds) > 1:

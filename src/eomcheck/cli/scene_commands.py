@@ -18,12 +18,14 @@ from eomcheck.cli.application import (
     Patience,
     SceneOption,
     SetOption,
+    SpeedsOption,
     app,
     check_figure,
     check_used,
     completer,
     seed_option,
     selected_scene,
+    selected_speeds,
 )
 from eomcheck.deprecated import print_notice
 from eomcheck.errors import InputError
@@ -31,29 +33,6 @@ from eomcheck.lab.option_parsing import check_count, parse_numbers
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.scene import Scene
-
-
-SpeedsOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="X,X",
-        help="Generalized speeds at the start: 1,0.5, or repeated. [default: the scene's]",
-    ),
-]
-
-
-def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
-    """Return p generalized speeds, or None by default.
-
-    Raises:
-        InputError: a text is no number, or there are not p of them.
-    """
-    if not texts:
-        return None
-    speeds = parse_numbers("speeds", texts)
-    if len(speeds) != scene.p:
-        raise InputError(f"speeds = {speeds}: {scene.name} has {scene.p}, expected so many numbers")
-    return speeds
 
 
 def _simulate_near(
@@ -212,7 +191,7 @@ def simulate_command(
     from eomcheck.lab.report.motion_tables import print_trajectories, write_trajectory
 
     chosen_scene = selected_scene(name or DEFAULT_SCENE, links, settings)
-    u0 = _speeds(chosen_scene, speeds)
+    u0 = selected_speeds(chosen_scene, speeds)
     if examples is not None:
         if baumgarte is not None or projection is not None or integrator != "DOP853":
             raise InputError("--examples are integrated by DOP853, without stabilization")
@@ -291,7 +270,9 @@ def acceleration_command(
     if position is not None and len(position) != chosen_scene.n:
         size = f"{chosen_scene.name} has {chosen_scene.n}, expected so many numbers"
         raise InputError(f"q = {position}: {size}")
-    if print_accelerations(chosen_scene, _speeds(chosen_scene, speeds), formulation, position):
+    if print_accelerations(
+        chosen_scene, selected_speeds(chosen_scene, speeds), formulation, position
+    ):
         raise typer.Exit(1)
 
 

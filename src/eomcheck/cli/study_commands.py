@@ -29,12 +29,14 @@ from eomcheck.cli.application import (
     RecordsOption,
     SceneOption,
     SetOption,
+    SpeedsOption,
     check_figure,
     check_folder,
     check_used,
     checked_seed,
     completer,
     selected_scene,
+    selected_speeds,
 )
 from eomcheck.deprecated import print_notice
 from eomcheck.errors import InputError, UnknownNameError
@@ -275,6 +277,7 @@ def draw_scene_command(
     frames: Annotated[
         int | None, typer.Option(help="A .gif: number of its pictures. [default: 40]")
     ] = None,
+    speeds: SpeedsOption = None,
     formulation: Annotated[
         str | None,
         typer.Option(
@@ -290,7 +293,10 @@ def draw_scene_command(
     if moving:
         check_used("in a .gif, which has a light ground", dark=dark)
     else:
-        check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
+        check_used(
+            "in a picture that is no .gif",
+            **{"end": end, "frames": frames, "formulation": formulation, "speeds": speeds},
+        )
     parameters = parse_parameters(settings)
     from eomcheck.lab.show.pictures import (
         draw_motion,
@@ -304,7 +310,8 @@ def draw_scene_command(
         chosen_scene = selected_scene(scene, links, settings)
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
         how = "au" if formulation is None else formulation
-        sketches, times, every = sketches_of_motion(chosen_scene, how, until, count)
+        u0 = selected_speeds(chosen_scene, speeds)
+        sketches, times, every = sketches_of_motion(chosen_scene, how, until, count, u0)
         draw_motion(sketches, times.tolist(), path, every)
     else:
         draw_scene(

@@ -8,7 +8,9 @@ writes it to `validation/references`. The difference of the two is the uncertain
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +19,8 @@ import numpy as np
 
 from eomcheck import __version__
 from eomcheck.console import progress
-from eomcheck.errors import InputError, registered
+from eomcheck.errors import InputError, registered, safe_repr
+from eomcheck.evaluation.dynamics import speeds_of
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.mechanics.scene import Scene
@@ -30,6 +33,7 @@ from eomcheck.motion.reference_solution import (
     save_reference,
 )
 from eomcheck.numbers.generic import Array
+from eomcheck.scene_lookup import lookup_name, scene_named
 from eomcheck.scenes import (
     Andrews,
     Bicycle,
@@ -144,8 +148,13 @@ def reference_case(name: str) -> ReferenceCase:
 # ---- Files and table -----------------------------------------------------------------------------
 
 
-def stored_reference(name: str, folder: Path) -> Reference:
+def stored_reference(name: str, folder: Path, scene: str | None = None) -> Reference:
     """Return the reference solution that a folder holds under this name.
+
+    Args:
+        name: its name.
+        folder: the folder.
+        scene: name of its scene, see `eomcheck.scene_lookup.scene_named`, if it is not built in.
 
     Raises:
         InputError: there is none (the message explains how to get or compute it), or it cannot be
@@ -159,19 +168,60 @@ def stored_reference(name: str, folder: Path) -> Reference:
             if name in REFERENCE_CASES
             else f"references of eomcheck are: {', '.join(REFERENCE_CASES)}"
         )
+        if scene is not None:
+            hint = f"compute it: eomcheck reference {name} --scene {scene} --folder {folder}"
         raise InputError(f"the reference solution {str(path)!r} is missing; {hint}")
-    return load_reference(path)
+    return load_reference(path, None if scene is None else type(scene_named(scene)))
 
 
-def write_reference(reference: Reference, folder: Path) -> Path:
+def reference_name(scene: Scene) -> str:
+    """Return the name of the reference solution of a scene by default: letters, digits, dashes.
+
+    It is none of `REFERENCE_CASES`.
+    """
+    name = re.sub(r"[^a-z0-9]+", "-", scene.name.lower()).strip("-") or scene.key
+    return f"{name}-motion" if name in REFERENCE_CASES else name
+
+
+def case_of(scene: Scene, u0: Sequence[float] | None, end: float, parts: int = 20) -> ReferenceCase:
+    """Return the case of a scene from its initial state.
+
+    Args:
+        scene: the scene, built in, of a user's file or a robot.
+        u0: generalized speeds at the start (p,), by default those of the initial state.
+        end: end of the motion, s.
+        parts: number of intervals between output times.
+
+    Raises:
+        InputError: the end is no positive number.
+        RefusedError: the scene has no generalized speeds at its start.
+    """
+    if not 0.0 < end < math.inf:
+        raise InputError(f"end = {end}, expected a positive number of seconds")
+    q, v = scene.initial_state()
+    start = speeds_of(scene, q, v).tolist() if u0 is None else u0
+    return ReferenceCase(safe_repr(scene), partial(_same, scene), tuple(start), end, parts)
+
+
+def _same(scene: Scene) -> Scene:
+    return scene
+
+
+def write_reference(reference: Reference, folder: Path, scene: str | None = None) -> Path:
     """Write `reference` to `folder` under its name and return the path.
+
+    Args:
+        reference: the reference.
+        folder: the folder.
+        scene: name by which its scene is looked up, if it is not built in.
 
     Raises:
         InputError: the file cannot be written.
     """
     path = folder / f"{reference.name}.json"
-    command = f"eomcheck reference {reference.name}"
-    save_reference(reference, path, made_by=command, eomcheck=__version__)
+    command = f"eomcheck reference {reference.name}" + (f" --scene {scene}" if scene else "")
+    kind = "" if scene is None else lookup_name(type(reference.scene), scene)
+    save_reference(reference, path, kind, made_by=command, eomcheck=__version__)
     return path
 
 

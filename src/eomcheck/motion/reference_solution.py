@@ -158,8 +158,14 @@ def reference_from_runs(
     )
 
 
-def save_reference(reference: Reference, path: Path, **more: Any) -> None:
+def save_reference(reference: Reference, path: Path, kind: str = "", **more: Any) -> None:
     """Write `reference` to `path`; the entries `more` are added for human readers.
+
+    Args:
+        reference: the reference.
+        path: the file.
+        kind: name of its scene class, by default its key.
+        more: further entries.
 
     Raises:
         InputError: the file cannot be written.
@@ -171,7 +177,7 @@ def save_reference(reference: Reference, path: Path, **more: Any) -> None:
         "description": reference.description,
         **more,
         "scene": {
-            "kind": scene.key,
+            "kind": kind or scene.key,
             "python": repr(scene),
             "parameters": {k: None if x is None else x.tolist() for k, x in parameters.items()},
         },
@@ -195,28 +201,38 @@ def save_reference(reference: Reference, path: Path, **more: Any) -> None:
     write_text(path, _text(document) + "\n")
 
 
-def load_reference(path: Path | str) -> Reference:
+def load_reference(path: Path | str, kind: type[Scene] | None = None) -> Reference:
     """Return the reference solution stored in `path`.
 
     The uncertainty is computed from the two integrations in the file, not read.
 
+    Args:
+        path: the file.
+        kind: scene class of a file about one that is not built in. None is imported by its name.
+
     Raises:
-        InputError: the file cannot be read or is no reference solution; the message names it.
+        InputError: the file cannot be read or is no reference solution, or of another scene class;
+            the message names it.
     """
     document = read_as(Path(path), "JSON", json.loads)
     try:
-        return _reference(document)
+        return _reference(document, kind)
     except KeyError as error:
         raise InputError(f"{str(path)!r} is no reference solution: {error} is missing") from None
     except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{str(path)!r} is no reference solution: {error}") from None
 
 
-def _reference(document: dict[str, Any]) -> Reference:
+def _reference(document: dict[str, Any], kind: type[Scene] | None) -> Reference:
     described = document["scene"]
-    if described["kind"] not in SCENES:
-        raise ValueError(f"no scene of the kind {described['kind']!r}")
-    scene = SCENES[described["kind"]](**described["parameters"])
+    name, own = described["kind"], kind
+    if name in SCENES:
+        own = SCENES[name]
+    elif own is None:
+        raise ValueError(f"no scene of the kind {name!r} is built in: name it by --scene {name}")
+    elif {*described["parameters"]} != {field.name for field in fields(own)}:  # type: ignore[arg-type]
+        raise ValueError(f"its parameters are those of {name!r}, not of {own.key}")
+    scene = own(**described["parameters"])
     q0, u0, times = (np.array(document[name], float) for name in ("q0", "u0", "times"))
     if q0.shape != (scene.n,) or u0.shape != (scene.p,):
         raise ValueError(f"q0 and u0 have shapes {q0.shape} and {u0.shape}")

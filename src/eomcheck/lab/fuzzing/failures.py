@@ -56,7 +56,6 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import Array
 from eomcheck.scene_lookup import is_robot, scene_classes_named
-from eomcheck.scenes import SCENES
 from eomcheck.testing.equations_of_files import FileEquations, equations_named
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check_functions_at
@@ -282,11 +281,6 @@ def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) 
         t_end=finding.t_end if isinstance(finding, MotionFinding) else 0.0,
         engine="" if engine is None or not is_under_test(engine) else location_of(engine),
     )
-
-
-def lookup_name(kind: type[Scene], asked: str) -> str:
-    """Return the name by which a scene class is looked up again: its key, or else `asked`."""
-    return kind.key if SCENES.get(kind.key) is kind else asked
 
 
 # ---- The corpus file -----------------------------------------------------------------------------

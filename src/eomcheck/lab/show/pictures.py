@@ -99,11 +99,11 @@ def posed_sketch(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
 
 
 def sketches_of_motion(
-    scene: Scene, formulation: str, end: float, frames: int
+    scene: Scene, formulation: str, end: float, frames: int, u0: Sequence[float] | None = None
 ) -> tuple[list[Sketch], np.ndarray, int]:
     """Return sketches of a motion at equal time steps, these times, s, and their number per frame.
 
-    The motion starts from the initial state.
+    The motion starts from the initial state, with the generalized speeds u0 (p,) if they are given.
 
     Raises:
         InputError: fewer than two frames, an end that is no positive time, no such formulation, or
@@ -115,7 +115,7 @@ def sketches_of_motion(
     if frames < 2:
         raise InputError(f"frames = {frames}, expected at least 2")
     times = np.linspace(0.0, end, BETWEEN * (frames - 1) + 1)
-    motion = simulate(scene, formulation, end, output_times=times)
+    motion = simulate(scene, formulation, end, output_times=times, u0=u0)
     if motion.status != "finished":
         raise InputError(
             f"the motion of {scene.name} by {formulation} {motion.status}: {motion.reason}"

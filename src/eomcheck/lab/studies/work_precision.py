@@ -15,7 +15,7 @@ from typing import Annotated
 
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.references import REFERENCE_CASES, stored_reference
+from eomcheck.lab.references import REFERENCE_CASES, reference_name, stored_reference
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.table import ResultTable, seconds_text
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
@@ -43,6 +43,7 @@ from eomcheck.motion.reference_solution import (
 )
 from eomcheck.motion.simulate import Motion, Trajectory
 from eomcheck.safe_output import counted
+from eomcheck.scene_lookup import scene_named
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -64,8 +65,12 @@ NOTHING = 1e-17
 
 def cells(
     *,
+    scene: Annotated[
+        str | None,
+        "Scene of your own, or robot, whose reference `eomcheck reference --scene` wrote.",
+    ] = None,
     reference: Annotated[
-        list[str] | None, "Reference solution; repeat for more. [paper-rest]"
+        list[str] | None, "Reference solution; repeat for more. [paper-rest, or that of --scene]"
     ] = None,
     formulation: Formulations = None,
     integrator: Annotated[list[str] | None, "Integrator, or several: a,b. [default: all]"] = None,
@@ -84,23 +89,26 @@ def cells(
     integrators = [integrator_of(key).key for key in (integrator or INTEGRATORS)]
     check_tolerances(tolerance or ())
     # Tolerances innermost: the code compiled for the first one serves the others.
-    for name in reference or ("paper-rest",):
-        scene = stored_reference(name, references).scene
-        keys = [f.key for f in formulations_for(scene, formulation or None)]
+    default = "paper-rest" if scene is None else reference_name(scene_named(scene))
+    for name in reference or (default,):
+        about = stored_reference(name, references, scene).scene
+        keys = [f.key for f in formulations_for(about, formulation or None)]
         for key, how, rtol in product(keys, integrators, tolerance or TOLERANCES):
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
 
 
-def worker(stored: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
+def worker(
+    stored: Sequence[Record], *, references: References = REFERENCES, scene: str | None = None
+) -> CellWorker:
     """Return the function that integrates a motion, compares it with its reference, and times
     it.
     """
 
     @cache
     def prepared(name: str, key: str) -> tuple[Reference, tuple[Motion, float]]:
-        reference = stored_reference(name, references)
-        scene, q0, u0 = reference.scene, reference.q0, reference.u0
-        return reference, prepare_motion(scene, key, q0, velocity(scene, q0, u0), u0)
+        reference = stored_reference(name, references, scene)
+        about, q0, u0 = reference.scene, reference.q0, reference.u0
+        return reference, prepare_motion(about, key, q0, velocity(about, q0, u0), u0)
 
     def work(settings: Settings) -> Record:
         reference, motion = prepared(settings["reference"], settings["formulation"])
