@@ -107,7 +107,7 @@ class MjxEngine(JaxDynamics, MujocoCopy):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `mjx.full_m`."""
-        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])[0]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,), the `qfrc_bias`; gravity is zero in the model."""
