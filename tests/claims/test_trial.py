@@ -97,12 +97,26 @@ def tree(**more: Any) -> Any:
 )
 def test_weights_pull_at_arms_as_long_as_the_tree(more: dict, longest: float):
     weight = np.array([0.0, 6.0, -8.0])
-    angles = slice(2, 4)
-    hanging = SimpleNamespace(tree=lambda: tree(**more, gravity=weight), angle_coordinates=angles)
+    hanging = SimpleNamespace(tree=lambda: tree(**more, gravity=weight))
     at = somewhere(scene=hanging, q=np.array([1.0, 5.0, 7.0, -3.0]))
     assert interface.weight_size(at) == pytest.approx(6.5 * 10 * longest)
-    # All angles turn by 2 and -1 rad/s.
-    assert interface.turning_size(at) == pytest.approx(6.5 * 3**2 * longest)
+
+
+@pytest.mark.parametrize(
+    ("more", "size"),
+    [
+        ({}, (3 * 5**2 + 0.5 * 7**2 + 1) * 18.5),  # m ω², and the longest arm of all
+        ({"joint": ("rx", "rz", "rz", "rz")}, (2 * 3**2 + 3 * 8**2 + 0.5 * 10**2 + 1) * 17.0),
+        ({"mass": np.array([2.0, 0.0, 0.0, 0.0])}, 0.0),  # which slides, and does not turn
+        ({"mass": np.array([0.0, 0.0, 0.0, 6.5])}, 6.5 * 0.25),
+        ({"coordinates": np.diag([1.0, 0, 2.0, 1.0])}, (0.5 * 4**2 + 1) * 18.5),
+    ],
+    ids=["slide", "no slide", "slide alone", "hinge", "follows"],
+)
+def test_a_body_turns_by_the_joints_on_its_path_whatever_turns_elsewhere(more: dict, size: float):
+    hanging = SimpleNamespace(tree=lambda: tree(**more))
+    at = somewhere(scene=hanging, q=np.array([1.0, 5.0, 7.0, -3.0]))
+    assert interface.turning_size(at) == pytest.approx(size)
 
 
 def test_nothing_weighs_without_a_tree_or_without_gravity():

@@ -25,6 +25,7 @@ from eomcheck.errors import CallError, EngineError, InputError, innermost_outsid
 from eomcheck.evaluation.conformance import QUANTITIES, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, huge_input, largest, rounded
+from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.safe_output import printable
@@ -707,28 +708,41 @@ def turning_size(at: Evaluation) -> float:
     """Return the size of the centrifugal forces of arms in the world, N or N m.
 
     Arms of a body are differences of positions in the world, whose rounding is relative to the
-    distances along the tree: forces m ω² r of a centre of mass on its axis vanish but for it.
+    distances along the tree: forces m ω² r of a centre of mass on its axis vanish but for it. A
+    body turns by all joints on its path, whatever turns elsewhere. 0 for a scene that is no tree.
     """
-    return turning_rate(at) ** 2 * at.cached(mass_moment)
+    tree = at.scene.tree()
+    if tree is None:
+        return 0.0
+    rates = np.abs(tree.coordinates @ at.v) * ~_slides(tree)
+    for j, parent in enumerate(tree.parent):
+        rates[j] += rates[parent] if parent >= 0 else 0.0
+    return float(tree.mass @ rates**2) * _longest_arm(at, tree)
 
 
 def mass_moment(at: Evaluation) -> float:
     """Return the mass of all bodies times their largest distance along the tree, kg m.
 
-    0 for a scene that is no tree.
+    For a sliding joint the force is the weight itself, an arm of 1. 0 for a scene that is no tree.
     """
     tree = at.scene.tree()
     if tree is None:
         return 0.0
-    slides = np.array([kind[0] == "p" for kind in tree.joint])
-    reach = np.abs(tree.coordinates @ at.q + tree.shift) * slides
+    return float(np.sum(tree.mass)) * max(_longest_arm(at, tree), float(_slides(tree).any()))
+
+
+def _slides(tree: Tree) -> Array:
+    """Return whether each joint slides (n_j,)."""
+    return np.array([kind[0] == "p" for kind in tree.joint])
+
+
+def _longest_arm(at: Evaluation, tree: Tree) -> float:
+    """Return the largest distance along the tree from the world's origin to a centre of mass, m."""
+    reach = np.abs(tree.coordinates @ at.q + tree.shift) * _slides(tree)
     reach += np.linalg.norm(tree.offset, axis=1)
     for j, parent in enumerate(tree.parent):
         reach[j] += reach[parent] if parent >= 0 else 0.0
-    arms = (reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0]
-    # For a sliding joint the force is the weight itself, an arm of 1.
-    longest = np.max(arms, initial=float(slides.any()))
-    return float(np.sum(tree.mass) * longest)
+    return largest((reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0])
 
 
 def represented(
