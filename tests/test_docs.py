@@ -19,7 +19,10 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 FOLDERS = ("*.md", "[!_]*/*.md", "reference/api/*.md")
-PAGES = [README, *sorted(page for folder in FOLDERS for page in DOCS.glob(folder))]
+PAGES = [
+    README,
+    *sorted(x for folder in FOLDERS for x in DOCS.glob(folder) if x.parent.name != "paper-joss"),
+]
 
 BLOCKS = [
     (page, number, block)

@@ -231,7 +231,8 @@ def test_the_verdict_counts_as_passed_only_claims_that_passed(
     first, verdict, *_ = capsys.readouterr().out.splitlines()
     assert first.endswith(f", {len(some)} findings")
     largest = "largest error 50 % of what rounding allows (claim 0 [au ~ el])"
-    assert verdict == f"3 of 3 claims passed; {largest}"
+    undecided = f", {len(some) - 3} undecided" if some[3:] else ""
+    assert verdict == f"3 of {len(some)} claims passed{undecided}; {largest}"
 
 
 def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
@@ -288,6 +289,13 @@ def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: P
     write_page(made, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<li>property-tested: 4 findings at 1 states, 2 inconclusive, 1 skipped</li>" in page
+    assert '<h1 class="verdict passed">All 1 claim hold' in page
+    assert '<a href="#claims">Claims</a>' in page and 'href="#failures"' not in page
+    made, rows = Overview([run_of("snake", "done")]), made.rows
+    made.rows = [*rows, kept("motion", verdict="skipped")]
+    write_page(made, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert '<h1 class="verdict partly">1 of 2 claims hold; on the others' in page
 
 
 def test_states_are_counted_scene_by_scene_and_proofs_are_none():

@@ -341,7 +341,7 @@ LARGEST = "largest error 50 % of what rounding allows"
     [
         (
             "passed passed skipped",
-            f"2 of 2 claims passed; {LARGEST} (0 [])",
+            f"2 of 3 claims passed, 1 undecided; {LARGEST} (0 [])",
         ),
         ("skipped inconclusive", "nothing was decided"),
         ("passed failed", "1 of 2 claims failed: cause"),

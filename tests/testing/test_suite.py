@@ -696,7 +696,7 @@ def test_an_adapter_of_60_lines_is_checked_by_path_and_by_pytest(session, pytest
     assert len(KANES.splitlines()) <= 60
     found = kanes(pytester)
     assert found.ret == 0
-    found.stdout.fnmatch_lines(["* claims passed; *", "passed: *generalized-forces*"])
+    found.stdout.fnmatch_lines(["* claims passed*", "passed: *generalized-forces*"])
     pytester.makepyfile(
         test_kanes="""
         from kanes import Kanes

@@ -164,7 +164,10 @@ def headline(findings: Sequence[Any], counts: str = "claim") -> str:
         if counts == "claim" and any(getattr(one, "cause", "") for one in findings):
             names = list(dict.fromkeys(cause_name(group[0]) for group in causes_of(findings)))
         return f"{len(failed)} of {number} failed: {', '.join(names)}"
-    return f"{len(decided)} of {number} passed; {_largest(findings)}"
+    open_ = len(verdicts) - len(decided)
+    number = counted(len(verdicts), UNITS[counts])
+    undecided = f", {open_} undecided" if open_ else ""
+    return f"{len(decided)} of {number} passed{undecided}; {_largest(findings)}"
 
 
 def _largest(findings: Sequence[Any]) -> str:
