@@ -99,10 +99,12 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.equations_output.write_equations": None,
         "eomcheck.lab.report.equations_output.equations_records": [],
         "eomcheck.lab.report.equations_output.print_checked": None,
-        "eomcheck.lab.recorded_answers.check_answers": (
+        "eomcheck.lab.recorded_log.check_recorded": (
             [SimpleNamespace(verdict="passed")],
             ["a note"],
+            SimpleNamespace(name="a"),
         ),
+        "eomcheck.lab.show.chart_matplotlib.draw_charts": None,
         "eomcheck.cli.check_commands._write_page": None,
     },
     "states": {"eomcheck.lab.recorded_answers.write_states": None},
@@ -224,7 +226,7 @@ CASES: dict[str, dict[str, Case]] = {
     "check": {
         **PATIENT,
         "file": ("", {"read_equations.name": "of_options.py:own"}, "of_options.py:own"),
-        "scene": ("--scene sleigh", {"check_answers.scene": "~Sleigh("}, TABLE),
+        "scene": ("--scene sleigh", {"check_recorded.scene": "~Sleigh("}, TABLE),
         "n": ("--n 3", {"read_equations.n": 3}),
         "against": (
             "--against sleigh",
@@ -236,8 +238,9 @@ CASES: dict[str, dict[str, Case]] = {
             "--claim bias-even,bias-power",
             {"check_equations.claims": ["bias-even", "bias-power"]},
         ),
-        "base": ("--base world", {"check_answers.base": "world"}, TABLE),
-        "precision": ("--precision float32", {"check_answers.precision": "float32"}, TABLE),
+        "base": ("--base world", {"check_recorded.base": "world"}, TABLE),
+        "precision": ("--precision float32", {"check_recorded.precision": "float32"}, TABLE),
+        "figures": ("--figures .", {"draw_charts.path": "a.png"}, TABLE),
         "json": ("--json a.json", {"write_equations.path": "a.json"}),
         "report": ("--report a.html", {"_write_page.path": "a.html"}),
     },

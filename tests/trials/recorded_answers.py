@@ -4,10 +4,11 @@
         [--markdown FILE]
 
 States of a robot are written, Pinocchio answers, and its numbers are printed with 4, 7 and 17
-digits. Right answers must pass. Each fault changes the answers as another program might: another
-convention, a term that is missing, one wrong entry, the row before. Prints which are named, or "too
-few digits" where the change is smaller than what is printed, which must not fail then. The exit
-code is 1 if right answers fail, or a fault that the digits show is not named.
+digits. Right answers must pass. Answers about the robot on a free base, and logs of motions of it
+that integrators wrote, are judged likewise. Each fault changes the answers as another program
+might: another convention, a term that is missing, one wrong entry, the row before. Prints which are
+named, or "too few digits" where the change is smaller than what is printed, which must not fail
+then. The exit code is 1 if right answers fail, or a fault that the digits show is not named.
 """
 
 from __future__ import annotations
@@ -23,8 +24,11 @@ import numpy as np
 import pinocchio
 from tests.scenes.test_public_robots import found
 
-from eomcheck.lab.recorded_answers import check_answers, write_states
-from eomcheck.lab.recorded_base import BASE_COLUMNS, CONVENTIONS
+from eomcheck.evaluation.conformance import ConformancePoint
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.lab.recorded_answers import check_answers, state_columns, write_states
+from eomcheck.lab.recorded_base import BASE_COLUMNS, CONVENTIONS, twist_names, velocity_map
+from eomcheck.lab.recorded_log import check_recorded
 from eomcheck.lab.recorded_table import open_table
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.mechanics.scene import Scene
@@ -367,6 +371,162 @@ def floating_outcome(
     return "named" if any(word in text for word in says) else f"found: {text}"
 
 
+# ---- Logs ----------------------------------------------------------------------------------------
+
+
+class LoggedMotion(NamedTuple):
+    """A motion of a scene under applied forces: times (k,), and (k, n) each."""
+
+    t: Any
+    q: Any
+    v: Any
+    a: Any
+    tau: Any
+
+
+def logged_motion(scene: Scene, method: str, step: float, rows: int) -> LoggedMotion:
+    """Return a motion from the initial state by "semi-implicit" Euler or "rk4"."""
+    q, v = scene.initial_state()
+    lines = []
+
+    def applied(t: float) -> Any:
+        return np.sin(3.0 * t + np.arange(scene.n))
+
+    def acceleration(t: float, q: Any, v: Any) -> Any:
+        at = Evaluation(scene, q, v)
+        return np.linalg.solve(at.terms.M, at.F + applied(t))
+
+    for k in range(rows):
+        t = k * step
+        a = acceleration(t, q, v)
+        lines.append((t, q, v, a, applied(t)))
+        if method == "semi-implicit":
+            v = v + step * a
+            q = q + step * v
+            continue
+        slopes = [np.array([v, a])]
+        for share in (0.5, 0.5, 1.0):
+            near, fast = np.array([q, v]) + share * step * slopes[-1]
+            slopes.append(np.array([fast, acceleration(t + share * step, near, fast)]))
+        mean = (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3]) / 6.0
+        q, v = np.array([q, v]) + step * mean
+    return LoggedMotion(*map(np.array, zip(*lines, strict=True)))
+
+
+class LogFault(NamedTuple):
+    """A fault of a log: its name, words of the finding or the note, and the wrong columns.
+
+    Attributes:
+        id: its name.
+        says: words, alternatives with "|" between them.
+        change: function of (motion, scene) -> changed columns by name.
+    """
+
+    id: str
+    says: str
+    change: Callable[[LoggedMotion, Scene], dict[str, Any]]
+
+
+def _behind(x: Any) -> Any:
+    return np.concatenate((x[:1], x[:-1]))
+
+
+def _of_column(x: Any, column: int, factor: float) -> Any:
+    x = x.copy()
+    x[:, column] *= factor
+    return x
+
+
+def _glitch(x: Any, by: float) -> Any:
+    x = x.copy()
+    x[len(x) // 2, 1] += by
+    return x
+
+
+def _stale_row(x: Any) -> Any:
+    x = x.copy()
+    x[len(x) // 2] = x[len(x) // 2 - 1]
+    return x
+
+
+def _terms(motion: LoggedMotion, scene: Scene) -> tuple[Any, Any]:
+    """Return gravity and the bias along a motion, (k, n) each."""
+    points = [
+        ConformancePoint(Evaluation(scene, q, v)) for q, v in zip(motion.q, motion.v, strict=True)
+    ]
+    return np.array([x.weight.gradient for x in points]), np.array([x.bias for x in points])
+
+
+LOG_FAULTS: tuple[LogFault, ...] = (
+    LogFault("v-sign", "wrong sign", lambda x, s: {"v": -x.v}),
+    LogFault("v-one-sign", "wrong sign", lambda x, s: {"v": _of_column(x.v, 1, -1.0)}),
+    LogFault("v-degrees", "in degrees", lambda x, s: {"v": x.v / DEGREE}),
+    LogFault("q-degrees", "per degree", lambda x, s: {"q": x.q / DEGREE}),
+    LogFault("v-row-before", "v is one step behind q", lambda x, s: {"v": _behind(x.v)}),
+    LogFault("v-exchanged", "in another order", lambda x, s: {"v": x.v[:, ::-1]}),
+    LogFault("a-row-before", "a are those of the row before", lambda x, s: {"a": _behind(x.a)}),
+    LogFault(
+        "a-and-tau-row-before",
+        "a and tau are those of the state of the row before",
+        lambda x, s: {"a": _behind(x.a), "tau": _behind(x.tau)},
+    ),
+    LogFault("a-half", "half", lambda x, s: {"a": x.a / 2.0}),
+    LogFault("tau-sign", "wrong sign", lambda x, s: {"tau": -x.tau}),
+    LogFault("tau-one-half", "half", lambda x, s: {"tau": _of_column(x.tau, 2, 0.5)}),
+    LogFault(
+        "tau-without-gravity", "without gravity", lambda x, s: {"tau": x.tau - _terms(x, s)[0]}
+    ),
+    LogFault("tau-without-bias", "without the bias", lambda x, s: {"tau": x.tau - _terms(x, s)[1]}),
+    LogFault("tau-in-Nmm", "1000 times", lambda x, s: {"tau": 1000.0 * x.tau}),
+    LogFault("t-in-ms", "1000 times", lambda x, s: {"t": 1000.0 * x.t}),
+    LogFault("q-jumps", "jumps to row", lambda x, s: {"q": _glitch(x.q, 0.1)}),
+    LogFault("q-stale", "jumps to row", lambda x, s: {"q": _stale_row(x.q)}),
+)
+
+
+def log_columns(scene: Scene, motion: LoggedMotion, base: str = "") -> dict[str, Any]:
+    """Return the columns of a log; of a free base with a twist if a convention is given."""
+    state = motion.q, motion.v, motion.a
+    columns = state_columns(scene, *state, CONVENTIONS[base] if base else None)
+    names = [(x.replace("vdot[", "a["), values) for x, values in columns.items()]
+    tau = motion.tau
+    joints = scene.coordinate_names
+    if base:
+        joints = twist_names(scene, CONVENTIONS[base])
+        maps = [velocity_map(CONVENTIONS[base], *x)[0] for x in zip(*state[:2], strict=True)]
+        tau = np.array([np.linalg.solve(S.T, x) for S, x in zip(maps, tau, strict=True)])
+    forces = {f"tau[{name}]": tau[:, k] for k, name in enumerate(joints)}
+    return {"t": motion.t, **dict(names), **forces}
+
+
+def log_outcome(
+    fault: LogFault | None,
+    scene: Scene,
+    motion: LoggedMotion,
+    form: str,
+    path: Path,
+    base: str = "",
+    header: str = "",
+) -> str:
+    """Return what became of a fault of a log, see `outcome`; None is no fault.
+
+    `header` declares another convention than that of the columns, `base`.
+    """
+    changed = motion if fault is None else motion._replace(**fault.change(motion, scene))
+    columns = log_columns(scene, changed, base)
+    lines = [[form % x for x in row] for row in zip(*columns.values(), strict=True)]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        file.write(f"# base: {header or base}\n" if base else "")
+        csv.writer(file).writerows([[*columns], *lines])
+    findings, notes, _ = check_recorded(path, scene)
+    failed = [one for one in findings if one.verdict == "failed"]
+    text = " ".join([*notes, *(f"{one.subject}: {one.detail}" for one in failed)])
+    says = fault.says.split("|") if fault is not None else []
+    if any(word in text for word in says):
+        return "named"
+    return f"found: {text}" if failed else "missed"
+
+
 def table_of(
     model: Model, states: Sequence[Sequence[str]], form: str, fault: Fault | None
 ) -> Iterable[list[str]]:
@@ -411,6 +571,36 @@ def outcome(fault: Fault, scene: Scene, model: Model, states: Any, form: str, pa
     return "named" if any(word in text for word in fault.says.split("|")) else f"found: {text}"
 
 
+LOG_STEP, LOG_ROWS = 0.002, 200
+"""Time step, s, and number of rows of the logs of the trial."""
+
+
+def more_outcomes(path: str, tool: str, few: int, folder: Path) -> Iterable[list[str]]:
+    """Yield rows of the table about free bases and logs: a name, an outcome for each format."""
+    free, file = scene_named(f"{path}:floating"), folder / "more.csv"
+    states = folder / "states-of-a-base.csv"
+    for convention in CONVENTIONS:
+        write_states(free, states, few, 1, convention)
+        case = free, path, tool, states
+        outcomes = [floating_outcome(None, *case, form, file) for form in FORMATS]
+        yield [f"right: {convention}", *outcomes]
+    write_states(free, states, few, 1, "body axes")
+    for fault in FLOATING_FAULTS:
+        case = free, path, tool, states
+        yield [fault.id, *(floating_outcome(fault, *case, form, file) for form in FORMATS)]
+    scene = scene_named(path)
+    for method in ("semi-implicit", "rk4"):
+        motion = logged_motion(scene, method, LOG_STEP, LOG_ROWS)
+        outcomes = [log_outcome(None, scene, motion, form, file) for form in FORMATS]
+        yield [f"right: log of {method}", *outcomes]
+    for one in LOG_FAULTS:
+        yield [f"log-{one.id}", *(log_outcome(one, scene, motion, x, file) for x in FORMATS)]
+    motion = logged_motion(free, "rk4", LOG_STEP, LOG_ROWS // 4)
+    for convention in CONVENTIONS:
+        outcomes = [log_outcome(None, free, motion, x, file, convention) for x in FORMATS]
+        yield [f"right: log of {convention}", *outcomes]
+
+
 def main() -> int:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser("python -m tests.trials.recorded_answers", description=__doc__)
@@ -444,6 +634,12 @@ def main() -> int:
             ]
             wrong += sum(x not in ("named", "too few digits") for x in outcomes)
             lines.append([fault.id, *outcomes])
+            print(*lines[-1], sep=" | ", flush=True)
+        for outcomes in more_outcomes(path_of_robot, asked.tool, asked.few, Path(folder)):
+            right = outcomes[0].startswith("right")
+            allowed = ("missed",) if right else ("named", "too few digits")
+            wrong += sum(x not in allowed for x in outcomes[1:])
+            lines.append(["passed" if right and x == "missed" else x for x in outcomes])
             print(*lines[-1], sep=" | ", flush=True)
     table = ResultTable("recorded", "", ["fault", *FORMATS], lines)
     print_tables([table])

@@ -131,7 +131,7 @@ def cancelling_terms(
     if one.mapping in ("force", "rows") or one.name == "forward_dynamics":
         size = inertia_size(at) + at.cached(weight_size)
         size += largest(np.abs(at.terms.M) @ np.abs(point.vdot))
-        if "tau" not in one.arguments:
+        if one.name != "forward_dynamics":
             return size
         return (size + heavy * turning**2) * largest(point.inverse_mass_matrix)
     if one.name in ("frame_velocity", "center_of_mass_velocity"):

@@ -80,7 +80,7 @@ def check_command(
         typer.Argument(
             metavar="FILE",
             help="FILE.py with functions M(q), bias(q, v), and so on, or FILE.py:NAME; or recorded "
-            "answers, a table .csv, .json, .npz or .parquet, with --scene.",
+            "answers or a log, a table .csv, .json, .npz or .parquet, with --scene.",
         ),
     ],
     scene: Annotated[
@@ -109,13 +109,16 @@ def check_command(
             metavar="TYPE", help="Numbers of the program with recorded answers: float64 or float32."
         ),
     ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Draw the errors of a log over time into this folder.")
+    ] = None,
     json: Json = None,
     report: Annotated[
         Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
     ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Check equations of motion in a Python file, or recorded answers of another program.
+    """Check equations of motion in a Python file, or answers or a log of another program.
 
     Exit code 1 if a claim fails; 2 if nothing was decided.
     """
@@ -126,10 +129,11 @@ def check_command(
 
     if Path(file).suffix in FORMATS:
         check_used("with recorded answers", n=n, against=against, claim=claim)
-        findings = _check_recorded(Path(file), scene, json, base, precision)
+        findings = _check_recorded(Path(file), scene, json, base, precision, figures)
         _end_check(file, findings, report)
         return
-    check_used("with equations of motion", scene=scene, base=base, precision=precision)
+    recorded = {"scene": scene, "base": base, "precision": precision, "figures": figures}
+    check_used("with equations of motion", **recorded)
     from eomcheck.console import activity
     from eomcheck.lab.report.equations_output import print_equations, write_equations
     from eomcheck.testing.equations_of_files import read_equations, reference_named
@@ -151,24 +155,38 @@ def check_command(
 
 
 def _check_recorded(
-    file: Path, scene: str | None, json: Path | None, base: str | None, precision: str | None
+    file: Path,
+    scene: str | None,
+    json: Path | None,
+    base: str | None,
+    precision: str | None,
+    figures: Path | None,
 ) -> list[Finding]:
-    """Check recorded answers, print what was found and return it."""
+    """Check a recorded table, print the Findings and return them."""
     from eomcheck.console import activity
-    from eomcheck.lab.recorded_answers import check_answers
+    from eomcheck.lab.recorded_log import check_recorded
     from eomcheck.lab.report.equations_output import print_checked, write_answers
     from eomcheck.scene_lookup import scene_named
 
     if scene is None:
         raise InputError(f"file = {str(file)!r}: recorded answers need --scene")
+    check_folder(figures)
     with activity("checking"):
-        findings, notes = check_answers(file, subject := scene_named(scene), base, precision)
+        subject = scene_named(scene)
+        findings, notes, chart = check_recorded(file, subject, base, precision)
+    if figures is not None and chart is None:
+        raise InputError(f"figures = {str(figures)!r}: only a log, with a column t, is drawn")
     title = f"{file.name} about {subject.name}"
     if json is not None:
         write_answers(json, title, notes, findings)
     print_checked(title, notes, findings, "subject")
     if json is not None:
         print(f"written: {json}")
+    if figures is not None and chart is not None:
+        from eomcheck.lab.show.chart_matplotlib import draw_charts
+
+        draw_charts([chart], figures / f"{chart.name}.png")
+        print(f"written: {figures / chart.name}.png")
     return findings
 
 

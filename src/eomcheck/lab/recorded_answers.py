@@ -51,6 +51,7 @@ from eomcheck.lab.recorded_base import (
     recorded_base,
     text_of,
     twist_names,
+    velocity_map,
 )
 from eomcheck.lab.recorded_table import (
     ColumnName,
@@ -64,7 +65,7 @@ from eomcheck.lab.recorded_table import (
 )
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.batch_arrays import BatchArray, batch_data
+from eomcheck.numbers.batch_arrays import BatchArray, batch_data, of_each
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 
@@ -72,6 +73,12 @@ TINY = float(np.finfo(np.float64).tiny)
 
 CLAIM = "recorded-answers"
 """Id of the claim: recorded answers are those of the scene, to their printed digits."""
+
+LOG_NAMES = {"a": "vdot", "qdd": "vdot", "tau": "force"}
+"""Name of a column of a log -> the input that it is."""
+
+LOG_UNREAD = "multiplier", "residual"
+"""Columns of a log that are not compared."""
 
 INPUTS = {"q": "coordinates", "v": "velocities", "vdot": "accelerations", "force": "forces"}
 """Name of the columns of a state -> what they hold."""
@@ -95,10 +102,44 @@ BIAS = Quantity(
     lambda point, frame: point.bias,
     needs_tree=False,
 )
+ENERGY = Quantity(
+    *("energy", "T + U", ("q", "v"), (), "invariant", "J", "energy, up to a constant"),
+    lambda point, frame: sum(
+        x
+        for x in point.at.call(
+            point.at.scene.energies,
+            *(point.at.parameters, point.at.prepared, point.at.q, point.at.v),
+        )
+        if x is not None
+    ),
+    needs_tree=False,
+)
+
+
+def _applied_force(point: ConformancePoint, frame: str) -> Any:
+    """Return M v̇ + B - Q, and the constraint forces aᵀλ that explain τ best, if there are any."""
+    at = point.at
+    force, a = at.terms.M @ point.vdot - at.F, at.terms.a
+    return force if a is None else of_each(_with_constraint_forces, force, a, point.tau)
+
+
+def _with_constraint_forces(force: Array, a: Array, tau: Array) -> Array:
+    """Return force + aᵀλ, λ by least squares of τ - force."""
+    return force + a.T @ np.linalg.lstsq(a.T, tau - force, rcond=None)[0]
+
+
+EQUATIONS = Quantity(
+    *("equations_of_motion", "τ", ("q", "v", "vdot", "tau"), ("n",), "force", "N, N m"),
+    "applied forces M v̇ + B - Q - aᵀλ, Q the forces of the scene: weight, springs, dampers",
+    _applied_force,
+    needs_tree=False,
+)
+"""The forces that a log has to have applied."""
+
 C_TIMES_V = BIAS._replace(name="coriolis_matrix", symbol="C v", mapping="coriolis")
 """The value by which a Coriolis matrix is compared, which is not unique."""
 
-ANSWERS: dict[str, Quantity] = {one.name: one for one in (MASS_MATRIX, BIAS)} | QUANTITIES
+ANSWERS: dict[str, Quantity] = {one.name: one for one in (MASS_MATRIX, BIAS, ENERGY)} | QUANTITIES
 """Name of a quantity -> the quantity."""
 
 SHORT_NAMES = {
@@ -334,7 +375,11 @@ def _roundoff_of(table: RecordedTable, option: str | None) -> float:
 
 
 def table_layout(
-    table: RecordedTable, scene: Scene, base: str | None = None, precision: str | None = None
+    table: RecordedTable,
+    scene: Scene,
+    base: str | None = None,
+    precision: str | None = None,
+    log: bool = False,
 ) -> TableLayout:
     """Return the meaning of the columns of a table.
 
@@ -343,6 +388,7 @@ def table_layout(
         scene: the scene.
         base: convention of the twist of a free base, by default that of the header.
         precision: key of `PRECISIONS`, by default that of the header or of the numbers' type.
+        log: whether it is a log, whose columns a, qdd and tau are inputs.
 
     Raises:
         InputError: a column of the state is missing, or there is no answer; a name that is no
@@ -371,6 +417,10 @@ def table_layout(
         if name == ColumnName("t", ()):
             time = k
             continue
+        if log and name.quantity in LOG_UNREAD:
+            continue
+        if log:
+            name = name._replace(quantity=LOG_NAMES.get(name.quantity, name.quantity))
         if name.quantity.startswith("base."):
             part, j = _base_column(name, text)
             _add(base_columns[part], j, k, table)
@@ -405,11 +455,16 @@ def table_layout(
         for key, entries in answers.items()
         for group in _groups(table, convention, ANSWERS[key[0]], key[1], *kinds[key], entries)
     )
-    if not groups:
+    if not (groups or log):
         raise InputError(f"{str(table.path)!r} has no answers: columns such as M[0;1] or bias[0]")
     needed = {"q"} | {x for group in groups for x in _needs(group.quantity)}
-    if convention is not None:  # the map of a twist depends on v
+    if convention is not None or log:  # the map of a twist depends on v
         needed |= {"v"}
+    if log and (inputs["vdot"] or base_columns["vdot"]):
+        needed |= {"vdot"}
+    if log and inputs["force"] and len(inputs["force"]) < scene.n:
+        missing = [velocities[j] for j in range(scene.n) if j not in inputs["force"]]
+        raise InputError(f"{str(table.path)!r} has no column tau[{missing[0]}], 0 if none acts")
     given = _inputs_given(table, scene, inputs, needed, first)
     given_base = _base_given(table, base_columns, needed) if convention is not None else {}
     return TableLayout(given, time, groups, convention, given_base, roundoff)
@@ -574,7 +629,7 @@ class RecordedRow(NamedTuple):
         return ConformancePoint(at, self.vdot, tau=self.force)
 
 
-def _chunks_of_rows(
+def chunks_of_rows(
     table: RecordedTable, layout: TableLayout, scene: Scene
 ) -> Iterator[list[RecordedRow]]:
     """Yield all rows of a table, in chunks."""
@@ -633,9 +688,14 @@ def row_of(
         w = v.copy()
         w[:FREE] = np.roll(twist, 3) if layout.convention.turns_first else twist
         v[:FREE] = state.v
+        force[:] = velocity_map(layout.convention, q, v)[0].T @ force
         sizes = np.abs(q), np.abs(v)
         sizes[0][:FREE], sizes[1][:FREE] = state.q_size, state.v_size
-    return RecordedRow(number, values, State(q, v, t), vdot, force, w, sizes)
+    return RecordedRow(number, values.copy(), State(q, v, t), vdot, force, w, sizes)
+
+
+UP_TO_CONSTANT = "potential_energy", "energy"
+"""Quantities with a constant that is free: that of the first row is taken."""
 
 
 class _Screened(NamedTuple):
@@ -669,7 +729,7 @@ class ScreenedGroup:
         actual, printed, entries = self.columns.recorded(values, w)
         ours = ours.reshape(len(rows), -1)
         expected = ours[:, list(entries)]
-        if self.columns.quantity.name == "potential_energy" and self.rows == 0:
+        if self.columns.quantity.name in UP_TO_CONSTANT and self.rows == 0:
             self.offset = float(actual[0, 0] - expected[0, 0])
         self.rows += len(rows)
         size = np.abs(ours).max(axis=1, initial=0.0)
@@ -806,7 +866,7 @@ def check_answers(
     table = open_table(path)
     layout = table_layout(table, scene, base, precision)
     groups = [ScreenedGroup(x, scene, layout.unit_roundoff) for x in layout.answers]
-    count = screen_rows(_chunks_of_rows(table, layout, scene), groups, scene)
+    count = screen_rows(chunks_of_rows(table, layout, scene), groups, scene)
     findings = [x for group in groups for x in judge_group(group, scene, table, layout)]
     shown = dict.fromkeys(group.columns.digits.text for group in groups)
     notes = [f"{counted(count, 'row')}; printed with {' and '.join(islice(shown, 3))}"]
@@ -826,14 +886,14 @@ def judge_group(
         detail = f"{columns.subject}, {place}: no finite numbers; {len(group.broken)} such rows"
         yield Finding(*about, first.state, np.inf, 0.0, "failed", evidence, detail)
     in_order = sorted(group.worst, key=lambda one: (-one.ratio, one.number))
-    judged = [_judge(group, screened, layout) for screened in in_order]
+    judged = [judge_row(group, one.row, one.before, layout) for one in in_order]
     if not judged:
         return
     worst = max(judged, key=lambda one: float(one.ratios.max()))
     failing = [one for one in judged if one.fails]
     numbers, state = _errors(worst), worst.row.state
     if failing:
-        shown, detail = _explained(worst, failing, columns, scene, layout)
+        shown, detail = explain_failure(worst, failing, columns, scene, layout)
         place, state, numbers = table.line_of(shown.row.number), shown.row.state, _errors(shown)
         many = "" if group.rows == 1 else f"; {len(failing)} of {group.rows} rows differ"
         yield Finding(*about, state, *numbers, "failed", evidence, f"{detail}; {place}{many}")
@@ -860,9 +920,11 @@ def _errors(judged: JudgedRow) -> tuple[float, float]:
     return float(judged.errors[judged.worst]), float(judged.allowed[judged.worst])
 
 
-def _judge(group: ScreenedGroup, screened: _Screened, layout: TableLayout) -> JudgedRow:
-    """Return a row of a quantity with the errors of its entries."""
-    row, columns = screened.row, group.columns
+def judge_row(
+    group: ScreenedGroup, row: RecordedRow, before: RecordedRow | None, layout: TableLayout
+) -> JudgedRow:
+    """Return a row of a quantity, and the row before it, with the errors of its entries."""
+    columns = group.columns
     point = row.point(group.scene)
     one, frame = columns.quantity, columns.frame
     tau = row.force if "tau" in one.arguments else None
@@ -881,7 +943,7 @@ def _judge(group: ScreenedGroup, screened: _Screened, layout: TableLayout) -> Ju
     resolved = np.abs(expected) > 2.0 * allowed
     context = partial(_context, columns, point, layout.convention)
     sides = actual.reshape(expected.shape), expected
-    return JudgedRow(row, screened.before, *sides, allowed, rounding, entries, resolved, context)
+    return JudgedRow(row, before, *sides, allowed, rounding, entries, resolved, context)
 
 
 def _context(
@@ -889,6 +951,15 @@ def _context(
 ) -> ConfusionContext:
     """Return the arrays by which confusions of a quantity are recognized."""
     one, context = columns.plain, context_of(columns.plain, columns.frame, point)
+    if one is EQUATIONS:
+        forces = {"the bias": point.bias, "M a": point.inertia_force - point.bias}
+        if point.has_tree:
+            forces["gravity"] = point.weight.gradient
+        Q = point.at.terms.Q
+        rest = None if Q is None else -Q - forces.get("gravity", 0.0)
+        if rest is not None and np.any(np.abs(rest) > EPS * largest(Q)):
+            forces["springs and dampers" if point.has_tree else "the scene's forces"] = rest
+        return context._replace(terms=forces)
     if not point.has_tree:
         return context
     if convention is not None:
@@ -935,7 +1006,7 @@ def _context_of_twist(
 # ---- Explanations --------------------------------------------------------------------------------
 
 
-def _explained(
+def explain_failure(
     worst: JudgedRow,
     failing: Sequence[JudgedRow],
     columns: AnswerColumns,

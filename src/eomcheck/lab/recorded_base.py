@@ -10,7 +10,7 @@ the program's coordinates, so that each recorded entry is compared by itself, wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from eomcheck.engines.file_engine import (
 )
 from eomcheck.errors import InputError
 from eomcheck.evaluation.conformance import ConformancePoint, Quantity
-from eomcheck.evaluation.tolerance import allowed_error
+from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.batch_arrays import of_each
 from eomcheck.numbers.generic import Array
@@ -134,6 +134,28 @@ def base_state(convention: BaseVelocity, pose: Array, twist: Array, rates: Array
     _, rest = free_base(q, v).velocity(plain, v)
     q_size = np.concatenate((np.abs(pose[:3]), np.abs(back[3:, 3:]).sum(axis=1)))
     return BaseState(q, v, back @ (rates - rest), q_size, np.abs(back) @ np.abs(twist))
+
+
+def base_errors(
+    convention: BaseVelocity, q: Array, v: Array, errors: Mapping[str, Array], forces: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return the errors (6,) of q, v, v̇ and forces of a base by those of its columns.
+
+    Args:
+        convention: that of the twist.
+        q, v: state of the scene.
+        errors: input -> errors of the columns of `BASE_COLUMNS`.
+        forces: errors of the forces (6,) in the order of the twist.
+    """
+    S, _ = free_base(q[:FREE], v[:FREE]).velocity(convention._replace(turns_first=False), v[:FREE])
+    size, back = np.abs(S), np.abs(np.linalg.inv(S))
+    turned = 2.0 * errors["q"][3:].sum()
+    q_error = np.concatenate((errors["q"][:3], back[3:, 3:].sum(axis=1) * turned))
+    spread = largest(q_error[3:]) * largest(back) * largest(S)
+    v_error = back @ errors["v"] + spread * np.abs(v[:FREE])
+    vdot_error = back @ errors["vdot"] if "vdot" in errors else np.zeros(FREE)
+    by_turns = np.roll(forces, 3) if convention.turns_first else forces
+    return q_error, v_error, vdot_error, size.T @ by_turns
 
 
 def recorded_base(

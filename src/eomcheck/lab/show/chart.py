@@ -293,6 +293,10 @@ STYLES |= {
     "allowed by rounding": Style(PALETTE[-1], "_", "line-ew-open"),
     "drawn at random": Style(PALETTE[1], "s", "square"),
     "climbed to": Style(PALETTE[6], "o", "circle"),
+    "error": Style(PALETTE[1], "", ""),
+    "allowed": Style(PALETTE[-1], "", ""),
+    "energy": Style(PALETTE[0], "", ""),
+    "work": Style(PALETTE[6], "", "", dashed=True),
     "links": Style("#404040", "o", "circle", width=3.0),
     "wheels": Style(PALETTE[6], "", "", width=6.0),
 }
