@@ -304,12 +304,12 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
     write_table(tmp_path / "log.csv", log_columns(CHAIN, RK4))
     assert run("log.csv", "--scene", "chain-pendulum", "--figures", ".") == 0
     out = capsys.readouterr().out
-    assert "4 quantities passed, 0 failed" in out
+    assert "4 of 4 quantities passed" in out
     assert "written: log.png" in out
     assert (tmp_path / "log.png").stat().st_size > 10_000
     write_table(tmp_path / "log.csv", log_columns(CHAIN, RK4._replace(tau=-RK4.tau)))
     assert run("log.csv", "--scene", "chain-pendulum") == 1
-    assert "1 of 3 quantities failed: equations of motion" in capsys.readouterr().out
+    assert "1 of 3 quantities failed" in capsys.readouterr().out
     write_states(CHAIN, tmp_path / "s.npz", 2)
     columns = dict(np.load(tmp_path / "s.npz")) | {"M[0;0]": np.ones(2)}
     write_table(tmp_path / "s.npz", columns)
