@@ -72,7 +72,8 @@ def _compare(settings: Settings) -> Record:
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     paths[0] += f":{FLOATING}" if pair.free else ""
-    comparison = compare_robots(*(robot_named(path)() for path in paths), None, settings["states"])
+    first, second = (robot_named(path)() for path in paths)
+    comparison = compare_robots(first, second, None, settings["states"])
     differences = comparison.differences
     counts = {"joints": len(comparison.matched), "differences": len(differences)}
     effects = {effect.quantity: effect.size for effect in comparison.effects}
