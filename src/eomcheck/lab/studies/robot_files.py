@@ -49,8 +49,9 @@ PACKAGES = (
 REASONS: dict[str, str] = {
     "part of other files": r"mujocoinclude",
     "nothing moves": r"no joint of it moves|has no joint|nothing that moves has inertia"
-    r"|moves nothing that has inertia|has no link$",
-    "no robot description": r"is no XML|^\S+ holds <[^>]+>, expected|template for xacro",
+    r"|moves nothing that has inertia|without anything that has inertia|has no link$",
+    "no robot description": r"is no XML|declares a document type|^\S+ holds <[^>]+>, expected"
+    r"|template for xacro",
     "a file that it names is missing": r"Error opening file|cannot be read: No such file",
     "not described here": r"not understood here|with stiffness or armature|of a tendon in space"
     r"|is of the kind|not linear|no part of a URDF known here|more than|at most|of the plugin",
