@@ -570,8 +570,12 @@ def test_a_refusal_says_which_constraints_are_redundant_or_that_it_is_not_clear(
 
     assert said(None, unclear) is refusal and said(1, None) is refusal
     assert said(1, [0], unclear) is unclear
-    both = said(1, [1, 3])
+    rows = np.array([[1.0, 0.0], [-2.0, 0.0], [0.0, 1.0], [1.0, -0.5]])
+    both = said(rows, [1, 3])
     assert "M is singular; redundant, for the other constraints imply it: rear, right" in str(both)
+    left = NAMES[0], NAMES[2]
+    sums = f"rear = -2 {left[0]}; right = {left[0]} - 0.5 {left[1]}"
+    assert f"(rows of a: {sums}; uk solves it as it is" in str(both)
     assert str(said(1, unclear)) == "M is singular; the rank of a is not clear"
     for one in (both, said(1, unclear)):
         assert (one.what, one.rcond, one.threshold) == ("M", 1e-20, 1e-15)

@@ -16,7 +16,7 @@ from eomcheck.claims.case import Case
 from eomcheck.claims.numerical_accuracy import independent_rcond, judge_refusal
 from eomcheck.errors import InputError
 from eomcheck.evaluation import constraint_rank as rank_module
-from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of
+from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of, repeated_rows
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import CONTRADICTION, perturbed_samples
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
@@ -440,3 +440,23 @@ def test_more_constraints_than_coordinates_are_solved_or_refused():
 def test_a_partition_cannot_be_chosen():
     with pytest.raises(InputError, match="uk has no partition to choose"):
         acceleration(CHAIN, "uk", *CHAIN.initial_state(), pivoted=True)
+
+
+# ---- Which rows repeat which ---------------------------------------------------------------------
+
+
+def test_a_row_that_repeats_others_is_named_as_their_sum_of_any_size():
+    a = np.array([[0.1, 0.2, 0.0], [0.0, 1e9, 3e9], [0.2, 0.4, 0.0], [0.1, 1e9 + 0.2, 3e9]])
+    names = ["a", "b", "c", "d"]
+    assert repeated_rows(a, names) == ["c = 2 a", "d = a + b"]
+    assert repeated_rows(a, names, [0]) == ["d = b + 0.5 c", "a = 0.5 c"]
+    assert repeated_rows(a[:2], names) == []
+    assert repeated_rows(np.zeros((1, 3)), names) == ["a = 0"]
+    # A row that is beside the span by more than rounding repeats nothing.
+    a[2, 2] = 0.1
+    assert repeated_rows(a, names) == ["d = a + b"]
+
+
+def test_of_a_long_sum_no_rows_are_named():
+    a = np.vstack([np.eye(4), np.ones(4)])
+    assert repeated_rows(a, [*"abcde"]) == ["e follows from the rows before it"]

@@ -417,3 +417,32 @@ def test_fuzz_reads_whatever_check_reads_and_leaves_scenes_to_others(tmp_path):
     for name in ("Sleigh", "sleigh", "Other", "missing", "np"):
         assert equations_named(f"{path}:{name}") is None
     assert equations_named("sleigh") is None
+
+
+LOOP = """
+import numpy as np
+
+n = 3
+
+def M(q):
+    return np.diag([1.0, 2.0, 3.0])
+
+def a(q):
+    return np.array([[1.0, q[1], 0.0], [0.0, 1.0, 1.0], [2.0, 2 * q[1], 0.0]])
+
+def gamma(q, v):
+    return np.array([v[1] ** 2, 0.0, 2 * v[1] ** 2])
+
+def qdd(q, v):
+    A = a(q)
+    K = np.block([[M(q), -A.T], [A, np.zeros((3, 3))]])
+    return np.linalg.solve(K, np.concatenate([np.zeros(3), -gamma(q, v)]))[:3]
+"""
+
+
+def test_a_repeated_loop_equation_is_named_where_a_system_is_singular(file):
+    findings = check(file(LOOP), states=2)
+    (failed,) = [x for x in findings if x.verdict == "failed"]
+    assert failed.subject == "qdd"
+    singular = "qdd, LinAlgError: Singular matrix"
+    assert failed.detail == f"{singular}; rows of a depend on each other: row 2 = 2 row 0"

@@ -15,7 +15,7 @@ Nearby positions that satisfy the holonomic constraints are computed by Newton's
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -216,6 +216,58 @@ def _resolved_by_entry(R: Array, a: Array, own: Array, rank: int, k: int) -> boo
     apart = np.abs(a[k] - shares @ a[:rank])
     explained = own[k] + np.abs(shares) @ own[:rank] + lost @ np.abs(a[:rank])
     return bool((INCONCLUSIVE * apart > np.maximum(explained, UNDERFLOW)).any())
+
+
+FEW_ROWS = 3
+"""Largest number of rows that are named as the sum that another row is."""
+
+
+def repeated_rows(a: Array, names: Sequence[str], redundant: Iterable[int] = ()) -> list[str]:
+    """Return each dependent row of a matrix (r, n) as a sum of the rows before it: "b = 2 a".
+
+    A row whose distance from the span of the others is within rounding depends on them. For sums of
+    more than `FEW_ROWS` rows none are named: "c follows from the rows before it".
+
+    Args:
+        a: constraint Jacobian at one state, finite float64 numbers.
+        names: names of its rows.
+        redundant: rows that are known to depend on all others, by default those are found.
+    """
+    kept: list[int] = []
+    dependences, known = list[str](), {*redundant}
+    order = sorted(range(len(a)), key=lambda k: (k in known, k))
+    for k in order:
+        size, rows, shares = float(np.linalg.norm(a[k])), a[kept], np.zeros(0)
+        if kept:
+            scale = power_of_two_scale(np.abs(rows).max(axis=1))
+            shares = np.linalg.lstsq((rows * scale[:, None]).T, a[k], rcond=None)[0] * scale
+        left = np.linalg.norm(a[k] - shares @ rows)
+        explained = size + float(np.abs(shares) @ np.linalg.norm(rows, axis=1))
+        rounding = max(a.shape) * allowed_error(explained)
+        if left > rounding:
+            kept.append(k)
+            continue
+        terms = [
+            (share, names[i])
+            for share, i in zip(shares, kept, strict=True)
+            if abs(share) * np.linalg.norm(a[i]) > rounding
+        ]
+        dependences.append(_sum_text(names[k], terms))
+    return dependences
+
+
+def _sum_text(name: str, terms: Sequence[tuple[float, str]]) -> str:
+    """Return a row as a sum of multiples of others: "c = 2 a - b"."""
+    if not terms:
+        return f"{name} = 0"
+    if len(terms) > FEW_ROWS:
+        return f"{name} follows from the rows before it"
+    text = ""
+    for share, other in terms:
+        sign = ("-" if share < 0 else "") if not text else (" - " if share < 0 else " + ")
+        size = f"{abs(share):.3g}"
+        text += f"{sign}{'' if size == '1' else f'{size} '}{other}"
+    return f"{name} = {text}"
 
 
 NEARBY = 2.0**-10

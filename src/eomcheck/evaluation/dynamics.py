@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
-from eomcheck.evaluation.constraint_rank import RANK, newton, position_residual
+from eomcheck.evaluation.constraint_rank import RANK, newton, position_residual, repeated_rows
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
 from eomcheck.evaluation.perturbed import (
     CONSISTENT_HINT,
@@ -88,11 +88,13 @@ def with_redundancy_hint(at: Evaluation, refusal: RefusedError) -> RefusedError:
         return _with_message(refusal, f"{refusal}; {unclear}")
     if redundant is None:
         return refusal
-    names = ", ".join(at.scene.constraint_names[i] for i in redundant)
+    names = at.scene.constraint_names
+    repeated = "; ".join(repeated_rows(at.terms.a, names, redundant))
     return _with_message(
         refusal,
-        f"{refusal}; redundant, for the other constraints imply it: {names} (uk solves it as it "
-        "is, others what eomcheck.with_constraints leaves)",
+        f"{refusal}; redundant, for the other constraints imply it: "
+        f"{', '.join(names[i] for i in redundant)} (rows of a: {repeated}; uk solves it as it is, "
+        "others what eomcheck.with_constraints leaves)",
     )
 
 

@@ -90,7 +90,9 @@ def answers(at: FunctionState) -> Iterator[Decision]:
             at.call(name)
         except BrokenError as broken:
             at.caller.reported.add(name)
-            yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
+            singular = isinstance(broken.__cause__, np.linalg.LinAlgError)
+            why = broken.why + (at.repeated_constraints() if singular else "")
+            yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {why}")
         else:
             yield Decision(name, 0.0, 0.0, "passed")
 

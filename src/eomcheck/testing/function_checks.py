@@ -525,7 +525,7 @@ def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutp
             why = "does not answer" if once else f"breaks: {broken.why}"
             yield Skipped(broken.name, f"{broken.name} {why}")
     except np.linalg.LinAlgError as error:
-        yield Skipped(claim.term, f"not computed here: {error}")
+        yield Skipped(claim.term, f"not computed here: {error}{at.repeated_constraints()}")
 
 
 def judge_output(

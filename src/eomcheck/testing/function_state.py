@@ -14,6 +14,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from eomcheck.evaluation.constraint_rank import repeated_rows
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import BrokenError, EquationsOfMotion, FunctionCaller
@@ -451,6 +452,15 @@ class FunctionState:
         if self.has("c") and not self.has("a"):
             return "c is given without a: a would tell which states and motions it allows"
         return "no state is found nearby that keeps the constraints"
+
+    def repeated_constraints(self) -> str:
+        """Return which rows of a repeat others, as the end of a sentence; "" if none does."""
+        try:
+            a = self.caller("a", self.q, self.v) if self.has("a") else np.zeros((0, 1))
+            repeated = repeated_rows(a, [f"row {k}" for k in range(len(a))])
+        except (BrokenError, np.linalg.LinAlgError):
+            return ""
+        return f"; rows of a depend on each other: {'; '.join(repeated)}" if repeated else ""
 
     def free(self) -> Array:
         """Return the directions of v that the constraints leave (p, p - r), or all (p, p)."""
