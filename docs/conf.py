@@ -22,6 +22,7 @@ from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
 from eomcheck.lab.show.table import markdown_table as table
+from eomcheck.lab.show.table import table_of_markdown
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
 from eomcheck.motion.reference_solution import load_reference
 from eomcheck.scenes import SCENES
@@ -146,8 +147,17 @@ UNKNOWN = "not understood"
 
 def figure_rows(name: str) -> list[list[str]]:
     """Return the rows of a table that a study wrote into `docs/figures`, without its heading."""
-    lines = (DOCS / "figures" / f"{name}.md").read_text(encoding="utf-8").splitlines()[2:]
-    return [[text.strip("` ") for text in line.strip("|").split(" | ")] for line in lines]
+    text = (DOCS / "figures" / f"{name}.md").read_text(encoding="utf-8")
+    return [[*map(str, row)] for row in table_of_markdown(name, text).rows]
+
+
+def conformance_states() -> str:
+    """Return the sentence with the numbers of states and pairs of the tables of conformance."""
+    rows = figure_rows("conformance-libraries")
+    robots = len(figure_rows("conformance-by-robot"))
+    pairs, states = (sum(int(row[i]) for row in rows) for i in (3, 4))
+    of = f"one of {len(rows)} libraries and one of {robots} robots and scenes"
+    return f"The tables here are of {states} states, in {pairs} pairs of {of}."
 
 
 def conformance_pages() -> str:
@@ -155,7 +165,7 @@ def conformance_pages() -> str:
     known = read_deviations(DEVIATIONS).deviations
     differences = figure_rows("conformance-differences")
     sections = []
-    for key, version, quantities, robots, _ in figure_rows("conformance-libraries"):
+    for key, version, quantities, robots, states, _ in figure_rows("conformance-libraries"):
         rows = []
         for library, quantity, names in differences:
             for deviation, mine in _by_reason(key, quantity, names.split("; "), known).items():
@@ -163,7 +173,8 @@ def conformance_pages() -> str:
                     rows.append((f"`{quantity}`", ", ".join(mine), *_about(deviation)))
         unread = [x for x in known if x.engine == key and READING in x.quantities]
         rows += [("not read", ", ".join(x.robots), *_about(x)) for x in unread]
-        asked = f"{version}, asked for {quantities} quantities on {robots} robots and scenes."
+        asked = f"{version}, asked for {quantities} quantities on {robots} robots and scenes"
+        asked += f" at {states} states."
         columns = ("quantity", "differs on", "why", "seen since", "shown by", "issue")
         body = table(columns, rows) if rows else "It agrees in all of them."
         sections.append(f"### {key} on robots\n\n{asked}\n\n{body}")
@@ -344,6 +355,7 @@ def write_tables(app: Sphinx) -> None:
     write("equivalences.md", equivalences_table())
     write("library-calls.md", library_calls())
     write("conformance-pages.md", conformance_pages())
+    write("conformance-states.md", conformance_states())
     write("not-understood.md", not_understood())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))

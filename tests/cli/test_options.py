@@ -655,8 +655,8 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
         given.update(options | {"records": file, "fresh": fresh})
         return []
 
-    def write(self, found: Any, folder: Path) -> list[Path]:
-        given["figures"] = folder
+    def write(self, found: Any, folder: Path, extend: bool) -> list[Path]:
+        given.update({"figures": folder} | ({"extend": extend} if extend else {}))
         return []
 
     monkeypatch.setattr(type(study), "run", run)
@@ -675,6 +675,8 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     shared |= {"path"} if group == "draw" else {"json", "figures"}
     shared |= set() if study.small else {"file"}
     shared |= {"deviations"} if group != "draw" and study.observations is not None else set()
+    extends = group != "draw" and study.extends is not None
+    shared |= {"extend"} if extends else set()
     assert {x.name for x in command.params} == options.keys() | shared
     base = [group, key, *(["a.svg"] if group == "draw" else []), "--records", "k.db"]
 
@@ -702,4 +704,10 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
             "figures": Path()
         }
         assert Path("a.json").is_file()
+    if extends:
+        assert ran("--figures", ".", "--extend") == usual | {"figures": Path(), "extend": True}
+        monkeypatch.setattr(sys, "argv", ["eomcheck", *base, "--extend"])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert stop.value.code == 2
     assert patient[0] == 60.0 and patient[-1] == 7.0

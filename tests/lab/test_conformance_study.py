@@ -14,10 +14,11 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import RunSelection, SceneEngines, make_case
 from eomcheck.engines import Answers, EngineFault, PinocchioFile, make_engine
 from eomcheck.engines.answers import inertia_size, turning_size
-from eomcheck.errors import RemoteError
+from eomcheck.errors import InputError, RemoteError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.show.table import table_of_markdown
+from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import conformance
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import from_urdf
@@ -175,3 +176,75 @@ def test_states_are_counted_over_the_pairs_that_were_compared():
     assert next(iter(conformance.remarks(records))) == (
         "14 states compared, in 4 pairs of one of 2 libraries and one of 3 robots and scenes"
     )
+
+
+# ---- Tables of an earlier run --------------------------------------------------------------------
+
+
+def of_engine(engine: str, *rows: tuple[str, str, str, float | None]) -> Record:
+    """Return the Record of an engine: robot, quantity, verdict and digits of each row."""
+    settings = {"robot": rows[0][0], "free": False, "engine": engine, "states": 20, "seed": 0}
+    kept = (
+        conformance.ConformanceRow(engine, f"{engine} 1", robot, quantity, 20, verdict, digits, "")  # type: ignore[arg-type]
+        for robot, quantity, verdict, digits in rows
+    )
+    return record_of_rows("conformance", settings, kept)
+
+
+OLD = [
+    of_engine("a", ("x", "bias", "failed", None), ("x", "gravity", "passed", 12.0)),
+    of_engine("b_c", ("y", "bias", "failed", None), ("y", "forces", "inconclusive", None)),
+]
+NEW = [of_engine("a", ("y", "bias", "passed", None)), of_engine("d", ("z", "bias", "failed", None))]
+
+
+def test_tables_are_extended_by_engines_and_keep_the_columns_of_others(tmp_path: Path):
+    study = conformance.STUDY
+    study.write(OLD, tmp_path)
+    study.write(NEW, tmp_path, extend=True)
+    read = {
+        name: table_of_markdown(name, (tmp_path / f"conformance{name}.md").read_text())
+        for name in ("", "-by-robot", "-libraries", "-differences")
+    }
+    cells = {row[0]: row[1:] for row in read[""].rows}
+    assert read[""].columns == ["quantity", "a", "b_c", "d"]
+    assert cells["bias"] == ["agrees", "differs on 1 of 1", "differs on 1 of 1"]
+    assert cells["gravity"] == ["-", "-", "-"] and cells["forces"] == ["-", "inconclusive", "-"]
+    assert read["-by-robot"].rows == [
+        ["x", "-", "-", "-"],
+        ["y", "1 of 1", "1 of 2", "-"],
+        ["z", "-", "-", "0 of 1"],
+    ]
+    assert read["-libraries"].rows == [
+        ["b_c", "b_c 1", "2", "1", "20", "1"],
+        ["a", "a 1", "1", "1", "20", "0"],
+        ["d", "d 1", "1", "1", "20", "1"],
+    ]
+    assert read["-differences"].rows == [["b_c", "bias", "y"], ["d", "bias", "z"]]
+    (chart,) = conformance.extends(NEW, tmp_path)[1]
+    (heat,) = chart.panels.values()
+    drawn = {
+        name: [box and (box.text, box.hatched) for box in x] for name, (_, x) in heat.rows.items()
+    }
+    shown = {"bias": [("", False), ("1", False), ("1", False)], "forces": [None, ("", True), None]}
+    assert drawn == shown
+
+
+@pytest.mark.parametrize(
+    "text, reason",
+    [
+        ("", "is not a table in Markdown"),
+        ("| library |\n| --- |\n| `a` | 3 |\n", "is not a table in Markdown: rows of different"),
+        ("| library |\n| --- |\n| `a` |\n", "has other columns, expected"),
+    ],
+)
+def test_tables_that_cannot_be_extended_are_refused(text: str, reason: str, tmp_path: Path):
+    conformance.STUDY.write(OLD, tmp_path)
+    (tmp_path / "conformance-libraries.md").write_text(text)
+    with pytest.raises(InputError, match=reason):
+        conformance.STUDY.write(NEW, tmp_path, extend=True)
+
+
+def test_tables_are_extended_in_a_folder_that_has_them(tmp_path: Path):
+    with pytest.raises(InputError, match=r"conformance\.md' cannot be read"):
+        conformance.STUDY.write(NEW, tmp_path, extend=True)

@@ -388,7 +388,7 @@ def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
 @pytest.mark.parametrize("fault", [False, True])
 def test_a_library_that_gives_no_answer_is_an_alarm_and_one_that_differs_is_none(fault: bool):
     row = ConformanceRow("a", "a 1", "arm", "bias", 2, "failed", None, "why", fault)
-    found = record_of_rows("conformance", {"robot": "arm", "engine": "a"}, [row])
+    found = record_of_rows("conformance", {"robot": "arm", "engine": "a", "states": 2}, [row])
     assert study_of("conformance").alarm([found]) == fault
     by_quantity, *_ = tables("conformance", found)
     assert by_quantity[1] == ("bias", f"{'no answer' if fault else 'differs'} on 1 of 1")

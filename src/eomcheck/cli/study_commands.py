@@ -59,6 +59,9 @@ Figures = Annotated[
     Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
 ]
 
+Extend = Annotated[
+    bool, typer.Option("--extend", help="Keep the libraries of the tables in --figures.")
+]
 Stored = Annotated[bool, typer.Option("--stored", help="Run nothing: use what --records has.")]
 
 
@@ -131,6 +134,7 @@ def command_of(key: str, figure_only: bool = False) -> Any:
         "patience": (Patience, PATIENCE),
         "stored": (Stored, False),
         **({} if figure_only else {"json": (Json, None), "figures": (Figures, None)}),
+        **({"extend": (Extend, False)} if one.extends and not figure_only else {}),
         **({} if one.observations is None else {"deviations": (DeviationsOption, None)}),
         **{x: (_option(x, p.annotation), p.default) for x, p in one.options().items()},
     }
@@ -199,9 +203,12 @@ def _run(
     json: Path | None,
     figures: Path | None,
     deviations: Path | None = None,
+    extend: bool = False,
     **options: Any,
 ) -> None:
     check_folder(figures)
+    if extend and figures is None:
+        raise InputError("--extend is given without --figures, expected the folder of the tables")
     check_writable(json)
     from eomcheck.lab.deviations import read_deviations
     from eomcheck.lab.show.table import print_tables, say, write_json
@@ -212,7 +219,7 @@ def _run(
     # Files first, so that they are written even if printing fails.
     end, written = CommandEnd(), list[Path]()
     with end.collected():
-        written += [] if figures is None else one.write(results, figures)
+        written += [] if figures is None else one.write(results, figures, extend)
         if json is not None:
             write_json(json, one.document(results))
             written.append(json)

@@ -3,8 +3,10 @@
 M, forces and accelerations are those of a step, which is taken at each state that is asked, by the
 integrator "Euler", without constraints; its length has no part in them. A tree is handed over as a
 URDF. By default Genesis adds 0.1 kg m² (kg) of armature to every joint of a URDF: that is set to 0.
-Dampers are implicit in its own accelerations, so those of a file are solved from M, B and forces.
-One process computes in one precision. Kernels are compiled for minutes when they are new.
+By default it also merges links that are fixed to each other, and writes the file anew for that,
+with fewer digits: that is switched off. Dampers are implicit in its own accelerations, so those of
+a file are solved from M, B and forces. One process computes in one precision. Kernels are compiled
+for minutes when they are new.
 """
 
 from __future__ import annotations
@@ -72,7 +74,9 @@ class GenesisEngine(TreeEngine):
                 integrator=library.integrator.Euler,
             ),
         )
-        morph = library.morphs.URDF(file=text, fixed=True, default_armature=0.0)
+        morph = library.morphs.URDF(
+            file=text, fixed=True, merge_fixed_links=False, default_armature=0.0
+        )
         self._entity = self._scene.add_entity(morph)
         self._scene.build()
         limit = np.full(self._entity.n_dofs, NO_LIMIT)

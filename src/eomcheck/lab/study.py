@@ -371,6 +371,8 @@ class Study:
         small: whether it may run without a file for its Records.
         observations: Records -> verdicts on engines, which a file of known deviations is compared
             with (`--deviations`); None if it compares no engines.
+        extends: Records, a folder -> tables and charts of the Records and of what the tables of an
+            earlier run there have beside them (`--extend`); None if it cannot.
         parallel_by: settings by which its cells are run in parallel (`--executor`); cells that
             share them go together. By default cells are timed: one after another, in this process.
     """
@@ -391,6 +393,9 @@ class Study:
     reading: str = ""
     small: bool = False
     observations: Callable[[StudyRecords], Iterable[Observation]] | None = None
+    extends: (
+        Callable[[StudyRecords, Path], tuple[Sequence[ResultTable], Iterable[Chart]]] | None
+    ) = None
     parallel_by: Sequence[str] = ()
 
     def options(self) -> dict[str, Parameter]:
@@ -466,17 +471,27 @@ class Study:
                 else self.measure(records, fresh, **options)
             )
 
-    def write(self, found: StudyRecords, folder: Path) -> list[Path]:
-        """Draw all charts and write all tables (Markdown) into a folder; return the files."""
+    def write(self, found: StudyRecords, folder: Path, extend: bool = False) -> list[Path]:
+        """Draw all charts and write all tables (Markdown) into a folder; return the files.
+
+        Args:
+            found: the Records.
+            folder: the folder.
+            extend: whether to keep the rest of the tables that are there, see `extends`.
+        """
         from eomcheck.lab.show.chart_matplotlib import draw_charts
 
-        files = (file for one in self.charts(found) for file in one.files())
+        if extend and self.extends is not None:
+            tables, charts = self.extends(found, folder)
+        else:
+            tables, charts = self.tables(found), self.charts(found)
+        files = (file for one in charts for file in one.files())
         drawn = group(files, lambda chart: chart.name)
         written = []
         for file, charts in drawn.items():
             written.append(folder / f"{file}.png")
             draw_charts(charts, written[-1])
-        for sheet in self.tables(found):
+        for sheet in tables:
             if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")
                 write_text(written[-1], sheet.markdown())

@@ -257,6 +257,30 @@ def markdown_table(
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def table_of_markdown(name: str, text: str) -> ResultTable:
+    """Return the table that `ResultTable.markdown` wrote: cells and names, without a title.
+
+    Raises:
+        ValueError: it is no table, or its rows have different numbers of cells.
+
+    >>> table = ResultTable("t", "", ("a", "b"), [(Cell("x_1", "name"), "2 | 3")])
+    >>> table_of_markdown("t", table.markdown()).rows
+    [['x_1', '2 | 3']]
+    """
+    lines = [line[2:-2].split(" | ") for line in text.splitlines()]
+    columns, _, *rows = [[*map(_read_cell, line)] for line in lines]
+    if any(len(row) != len(columns) for row in rows):
+        raise ValueError("rows of different lengths")
+    return ResultTable(name, "", columns, rows)
+
+
+def _read_cell(text: str) -> str:
+    """Return the text of a cell in Markdown."""
+    if text.startswith("`"):
+        return Cell(text.strip("`"), "name")
+    return re.sub(r"\\(.)", r"\1", text)
+
+
 # ---- Terminal ------------------------------------------------------------------------------------
 
 

@@ -8,13 +8,14 @@ digits that are true are counted against ball arithmetic, in the first few of th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, NamedTuple, cast
 
 from eomcheck import strategies
+from eomcheck.atomic_write import read_as
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.engine_quantities import (
     BY_DIFFERENCES,
@@ -26,7 +27,7 @@ from eomcheck.claims.engine_quantities import (
     frames_asked,
     point_at,
 )
-from eomcheck.claims.finding import DECIDED, Finding, Verdict, worst
+from eomcheck.claims.finding import Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, SceneEngines, evaluate_state
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import (
@@ -44,6 +45,7 @@ from eomcheck.errors import (
     CallError,
     EngineError,
     EomcheckError,
+    InputError,
     RefusedError,
     RemoteError,
     UnknownNameError,
@@ -54,7 +56,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.deviations import READING, Observation, differs_by
 from eomcheck.lab.option_parsing import Isolated, Seed, check_count
 from eomcheck.lab.show.chart import Axis, Box, Chart, Heat
-from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.show.table import Cell, ResultTable, table_of_markdown
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.studies.engines import study_engines
 from eomcheck.lab.studies.robots import ROBOTS, chosen_robot, chosen_robots, robot_label
@@ -290,8 +292,9 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     title = "Each robot: number of quantities that agree, of those that are offered"
     yield ResultTable("conformance-by-robot", title, ("robot", *engines), by_robot)
     title = "Each library: what it was asked"
-    columns = "library", "version", "quantities", "robots and scenes", "quantities that differ"
-    yield ResultTable("conformance-libraries", title, columns, _libraries(rows))
+    columns = "library", "version", "quantities", "robots and scenes", "states"
+    columns += ("quantities that differ",)
+    yield ResultTable("conformance-libraries", title, columns, _libraries(records))
     title = "Each quantity that differs, and on which robots"
     columns = "library", "quantity", "differs on"
     yield ResultTable("conformance-differences", title, columns, _differences(rows))
@@ -299,14 +302,22 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
 
 def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the heat map of quantities by engine: number of robots on which each differs."""
-    rows = rows_in(records, ConformanceRow)
-    engines = list(group(rows, lambda one: one.engine))
-    cells_of = group(rows, lambda one: (one.quantity, one.engine))
-    boxes = {
-        method: ("", [_box(cells_of.get((method, key), [])) for key in engines])
-        for method in (*TERMS.values(), *QUANTITIES)
-        if any((method, key) in cells_of for key in engines)
-    }
+    return _charts_of({table.name: table for table in tables(records)})
+
+
+def _charts_of(named: Mapping[str, ResultTable]) -> Iterator[Chart]:
+    """Yield the heat map of tables, by name."""
+    by_quantity, differences = named["conformance"], named["conformance-differences"]
+    engines = by_quantity.columns[1:]
+    wrong = {(key, one): robots.count("; ") + 1 for key, one, robots in differences.rows}
+    boxes = {}
+    for quantity, *cells_of in by_quantity.rows:
+        row = [
+            _box(text, wrong.get((key, quantity), 0))
+            for key, text in zip(engines, cells_of, strict=True)
+        ]
+        if any(row):
+            boxes[str(quantity)] = ("", row)
     if boxes:
         colors = Axis("share of robots on which it differs", range=(0.0, 1.0))
         heads = dict.fromkeys(engines, 1)
@@ -316,23 +327,81 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
         yield Chart("conformance", title, ["figure"], {("all",): heat}, size=size)
 
 
-def _box(rows: Sequence[ConformanceRow]) -> Box | None:
-    """Return the box of one quantity of one engine; None if it does not compute it."""
-    decided = [one for one in rows if one.verdict in DECIDED]
-    if not decided:
-        return Box(math.nan, True, False, ("inconclusive or by differences",)) if rows else None
-    wrong = sum(one.verdict == "failed" for one in decided)
-    share = LEAST_SHARE + (1.0 - LEAST_SHARE) * wrong / len(decided) if wrong else 0.0
-    text = f"differs on {wrong} of {len(decided)}" if wrong else f"agrees on {len(decided)}"
-    return Box(share, False, bool(wrong), (text,), str(wrong or ""))
+def _box(cell: str, wrong: int) -> Box | None:
+    """Return the box of one quantity of one engine; None if it does not compute it.
+
+    Args:
+        cell: cell of the table, see `_cell`.
+        wrong: number of robots on which it differs.
+    """
+    if cell == "-":
+        return None
+    if cell.endswith(("inconclusive", "by differences")):
+        return Box(math.nan, True, False, ("inconclusive or by differences",))
+    share = wrong / int(cell.rpartition(" ")[2]) if wrong else 0.0
+    value = LEAST_SHARE + (1.0 - LEAST_SHARE) * share if wrong else 0.0
+    return Box(value, False, bool(wrong), (cell,), str(wrong or ""))
 
 
-def _libraries(rows: Sequence[ConformanceRow]) -> list[tuple[str, ...]]:
+# ---- Tables of an earlier run --------------------------------------------------------------------
+
+BY_ENGINE = "conformance", "conformance-by-robot"
+"""Names of the tables with a column for each engine; others have rows for each."""
+
+
+def extends(
+    records: Sequence[Record], folder: Path
+) -> tuple[Sequence[ResultTable], Iterator[Chart]]:
+    """Return tables and charts of Records and of the engines that earlier tables have beside them.
+
+    Raises:
+        InputError: a table is not in the folder, cannot be read, or has other columns.
+    """
+    every, engines = [], {one.engine for one in rows_in(records, ConformanceRow)}
+    for table in tables(records):
+        read = partial(table_of_markdown, table.name)
+        printed = read_as(folder / f"{table.name}.md", "a table in Markdown", read)
+        every.append(_extended(table, printed, engines))
+    return every, _charts_of({table.name: table for table in every})
+
+
+def _extended(table: ResultTable, printed: ResultTable, engines: set[str]) -> ResultTable:
+    """Return a table of some engines with all that is about others in an earlier one.
+
+    Raises:
+        InputError: the earlier one has other columns.
+    """
+    if table.name not in BY_ENGINE:
+        if [*table.columns] != [*printed.columns]:
+            raise InputError(f"{table.name}.md has other columns, expected {table.columns}")
+        others = [row for row in printed.rows if row[0] not in engines]
+        return table._replace(rows=[*others, *table.rows])
+    old, new = (
+        {row[0]: dict(zip(one.columns, row, strict=True)) for row in one.rows}
+        for one in (printed, table)
+    )
+    columns = [*dict.fromkeys((*printed.columns, *table.columns))]
+    rows = []
+    for name in dict.fromkeys((*old, *new)):
+        cells_of = ((new if x in table.columns else old).get(name, {}) for x in columns[1:])
+        rows.append(
+            [name, *(x.get(key, "-") for x, key in zip(cells_of, columns[1:], strict=True))]
+        )
+    return table._replace(columns=columns, rows=rows)
+
+
+# ---- Rows of the tables --------------------------------------------------------------------------
+
+
+def _libraries(records: Sequence[Record]) -> list[tuple[str, ...]]:
     """Return a row for each engine: its library and the numbers of what it was asked."""
-    table = []
+    table, rows = [], rows_in(records, ConformanceRow)
+    done = group(_done(records), lambda one: plain_name(one["engine"]))
     for engine, mine in group(rows, lambda one: one.engine).items():
         wrong = {one.quantity for one in mine if one.verdict == "failed"}
-        counts = len({x.quantity for x in mine}), len({x.robot for x in mine}), len(wrong)
+        states = sum(one["states"] for one in done.get(engine, ()))
+        asked = len({x.quantity for x in mine}), len({x.robot for x in mine})
+        counts = *asked, states, len(wrong)
         table.append((Cell(engine, "name"), mine[0].version, *map(str, counts)))
     return table
 
@@ -388,7 +457,7 @@ def remarks(records: Sequence[Record]) -> Iterator[str]:
 
 def states_compared(records: Sequence[Record]) -> str:
     """Return the sentence with the numbers of states, of pairs and of robots compared."""
-    done = [record.settings for record in records if record.status == "done"]
+    done = _done(records)
     states = sum(settings["states"] for settings in done)
     engines = {plain_name(settings["engine"]) for settings in done}
     robots = {robot_label(settings) for settings in done}
@@ -396,6 +465,11 @@ def states_compared(records: Sequence[Record]) -> str:
         f"{states} states compared, in {len(done)} pairs of one of {len(engines)} libraries and "
         f"one of {len(robots)} robots and scenes"
     )
+
+
+def _done(records: Sequence[Record]) -> list[Settings]:
+    """Return the settings of the cells in which something was compared."""
+    return [record.settings for record in records if record.status == "done"]
 
 
 def alarm(records: Sequence[Record]) -> bool:
@@ -436,5 +510,6 @@ STUDY = Study(
     observations=observations,
     reading="A dash: the library does not compute it, or does not read the robot.",
     small=True,
+    extends=extends,
     parallel_by=("robot", "free", "engine"),
 )
