@@ -704,10 +704,10 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
             "figures": Path()
         }
         assert Path("a.json").is_file()
+    assert patient[0] == 60.0 and patient[-1] == 7.0
     if extends:
         assert ran("--figures", ".", "--extend") == usual | {"figures": Path(), "extend": True}
         monkeypatch.setattr(sys, "argv", ["eomcheck", *base, "--extend"])
         with pytest.raises(SystemExit) as stop:
             cli.main()
         assert stop.value.code == 2
-    assert patient[0] == 60.0 and patient[-1] == 7.0
