@@ -76,6 +76,8 @@ def test_the_patched_file_is_the_same_robot(what: str, tmp_path: Path):
     before, after = CHANGES[what][1].splitlines(), paths[1].read_text().splitlines()
     assert changed_lines(patch) <= (3 if len(before) == len(after) else 6)
     assert "<!-- a tool -->" in paths[1].read_text() or "tool" not in what
+    removed = [line for line in patch.splitlines() if line.startswith("-")]
+    assert what != "tool" or any('"tip"' in line for line in removed), "the link that differs"
 
 
 @needs_patch
