@@ -9,10 +9,13 @@ from typing import Any
 import typer
 
 from eomcheck import cli
+from eomcheck.cli.application import option_label
 from eomcheck.cli.study_commands import GROUPS, command_of
 from eomcheck.lab.show.table import escaped, markdown_table
 
 HELP = "--help"
+OPTION = r"(?<![\w`-])--[a-z][a-z-]*(?![^`]*`)"
+"""An option in a sentence that is not code already."""
 
 EXAMPLES = {
     "eomcheck check": "check docs/guides/cart.py --examples 2",
@@ -55,7 +58,11 @@ def command_reference() -> str:
             continue
         usage = " ".join(command.get_usage(context).split()).removeprefix("Usage: ")
         records = [x for p in command.get_params(context) if (x := p.get_help_record(context))]
-        rows = [(_value(name), _sentence(text)) for name, text in records if HELP not in name]
+        rows = [
+            (f"`{option_label(name)}`", _sentence(text))
+            for name, text in records
+            if HELP not in name
+        ]
         text = "\n\n".join(map(_sentence, str(command.help).split("\n\n")))
         options = "```{rst-class} rows\n```\n\n" + markdown_table(("option", "meaning"), rows)
         example = f"```console\n$ eomcheck {EXAMPLES[path]}\n```\n\n" if path in EXAMPLES else ""
@@ -63,14 +70,9 @@ def command_reference() -> str:
     return "\n\n".join(sections)
 
 
-def _value(name: str) -> str:
-    """An option with its metavar, as code; types such as <path> say no more than their text."""
-    return f"`{re.sub(r' <[^>]*>$', '', name)}`"
-
-
 def _sentence(text: str) -> str:
     """A help text without line breaks, in a cell of a table; code in it stays code."""
-    return escaped(" ".join(text.split())).replace("\\`", "`")
+    return re.sub(OPTION, r"`\g<0>`", escaped(" ".join(text.split())).replace("\\`", "`"))
 
 
 def options_of() -> dict[str, set[str]]:

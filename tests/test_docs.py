@@ -122,7 +122,7 @@ INDEX = (DOCS / "index.md").read_text(encoding="utf-8")
 PARTS = {
     caption: [DOCS / f"{name}.md" for name in names.split()]
     for caption, names in re.findall(
-        r"^```\{toctree\}\n:caption: ([^\n]*)\n:maxdepth: 1\n\n(.*?)^```$", INDEX, re.S | re.M
+        r"^```\{toctree\}\n:caption: ([^\n]*)\n:hidden:\n\n(.*?)^```$", INDEX, re.S | re.M
     )
 }
 """Part of the documentation -> its pages, in their order."""

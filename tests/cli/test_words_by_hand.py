@@ -313,7 +313,7 @@ def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys
     ],
 )
 def test_help_names_values_by_what_they_are(name, told):
-    assert application._option_label(name) == told
+    assert application.option_label(name) == told
 
 
 def test_a_usage_error_is_a_sentence_that_leads_to_help():

@@ -76,7 +76,7 @@ VALUES = {"int": "N", "float": "X", "str": "TEXT", "path": "FILE"}
 FOLDERS = ("--figures", "--folder", "--references", "--suite")
 
 
-def _option_label(name: str) -> str:
+def option_label(name: str) -> str:
     """Return the help label of an option or argument: `--links N`, not `--links <int>`."""
     match = re.fullmatch(r"(.+) <(.+)>", name)
     if match is None:
@@ -91,10 +91,10 @@ class Command(TyperCommand):
     """Command whose help names values by their meaning, not by their Python types."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help with the labels of `_option_label`."""
+        """Write the help with the labels of `option_label`."""
         write = formatter.write_dl
         formatter.write_dl = lambda rows, **how: write(
-            [(_option_label(n), re.sub(r" +(?=\[(?:default|required))", " ", x)) for n, x in rows],
+            [(option_label(n), re.sub(r" +(?=\[(?:default|required))", " ", x)) for n, x in rows],
             **how,
         )
         super().format_help(ctx, formatter)
