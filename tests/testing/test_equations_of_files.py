@@ -446,3 +446,14 @@ def test_a_repeated_loop_equation_is_named_where_a_system_is_singular(file):
     assert failed.subject == "qdd"
     singular = "qdd, LinAlgError: Singular matrix"
     assert failed.detail == f"{singular}; rows of a depend on each other: row 2 = 2 row 0"
+
+
+def test_an_entry_that_is_not_finite_is_named_by_the_coordinates_that_have_names():
+    broken = lambda q: np.array([[1.0, 0.0], [0.0, np.nan]])  # noqa: E731
+    for names, entry in (({}, "1, 1"), ({"coordinates": ("x", "θ")}, "θ, θ")):
+        equations = EquationsOfMotion(2, M=broken, **names)
+        failed, *_ = check(equations, states=1)
+        assert failed.detail == f"M, M[{entry}] = nan, expected a finite number"
+    speeds = {"coordinates": ("x", "θ"), "velocities": ("v", "ω"), "qdot": lambda q, u: u}
+    failed, *_ = check(EquationsOfMotion(2, M=broken, **speeds), states=1)
+    assert failed.detail == "M, M[ω, ω] = nan, expected a finite number"

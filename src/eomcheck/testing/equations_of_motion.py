@@ -610,9 +610,19 @@ class FunctionCaller:
         finite = np.isfinite(array).all() if array.ndim else isfinite(array.item())
         if not finite:
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            entry = f"{name}{list(where)}" if where else name
+            entry = f"{name}[{self._entry_names(name, where)}]" if where else name
             raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
         return array
+
+    def _entry_names(self, name: str, where: tuple[int, ...]) -> str:
+        """Return the indices of an entry, by the user's names of its rows where there are any."""
+        f = self.functions
+        velocities = f.velocities or (f.coordinates if f.qdot is None else None)
+        names = {"n": f.coordinates, "p": velocities}
+        symbols = [x for x in INPUTS[name].shape if x != "f"]
+        axes = [names.get(symbol) for symbol in symbols]
+        pairs = zip(where, axes, strict=True)
+        return ", ".join(str(i) if axis is None else axis[i] for i, axis in pairs)
 
     def _placement(self, answer: Any) -> Array:
         """Return a placement as one matrix, [R p]; of one of shape (4, 4) the first three rows."""
