@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -306,6 +307,19 @@ BIBTEX = """```bibtex
 }
 ```"""
 
+
+def paper_tally() -> str:
+    """Return a sentence that counts the verdicts on the claims of the paper."""
+    verdicts = Counter(row[3] for row in figure_rows("paper-claims"))
+    plural = {
+        "holds": "hold",
+        "holds partly": "hold partly",
+        "does not hold here": "do not hold here",
+    }
+    counts = ", ".join(f"{verdicts[one]} {many}" for one, many in plural.items())
+    return f"Of {verdicts.total()} claims {counts}."
+
+
 EQUIVALENCES = DOCS / "evidence" / "verified-equivalences.md"
 
 
@@ -351,6 +365,7 @@ def write_tables(app: Sphinx) -> None:
     write("commands.md", command_reference())
     write("extras.md", extras_table())
     write("bibtex.md", bibtex())
+    write("paper-tally.md", paper_tally())
     write("equivalences-verdict.md", equivalences_verdict())
     write("equivalences.md", equivalences_table())
     write("library-calls.md", library_calls())

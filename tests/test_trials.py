@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -61,3 +62,24 @@ def test_a_table_is_printed_and_the_exit_code_is_that_of_an_interrupt(trial, mon
 def iter_then_stop(item: object) -> Iterator[object]:
     yield item
     raise KeyboardInterrupt
+
+
+# ---- Other ways of checking ----------------------------------------------------------------------
+
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "alternatives.md"
+
+
+def test_other_ways_pass_the_right_model_and_each_of_twenty_mistakes_is_one_edit():
+    alternatives = pytest.importorskip("tests.trials.alternatives")
+    right = alternatives.functions_of(None)
+    assert not [name for name, way in alternatives.WAYS.items() if way(right)]
+    assert len({mistake.name for mistake in alternatives.MISTAKES}) == 20
+    for mistake in alternatives.MISTAKES:
+        assert vars(alternatives.functions_of(mistake)).keys() == vars(right).keys()
+
+
+def test_the_table_of_other_ways_has_the_twenty_mistakes():
+    alternatives = pytest.importorskip("tests.trials.alternatives")
+    rows = FIGURE.read_text(encoding="utf-8").splitlines()[2:]
+    names = [row.strip("| ").split(" | ")[0] for row in rows]
+    assert names == [*(mistake.name for mistake in alternatives.MISTAKES), "found in all"]
