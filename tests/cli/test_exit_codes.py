@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.reports import running_differences
 
 from eomcheck import cli
 from eomcheck.claims.finding import Finding
@@ -246,7 +247,7 @@ def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatc
     made = LibraryComparison(
         SLEIGH, {"mujoco": LibraryResult("mujoco", "MuJoCo 3", **change)} | others
     )
-    made.differences = {"M": np.zeros((2, 2))}
+    made.running = running_differences({"M": np.zeros((2, 2))})
     monkeypatch.setattr(library_comparison, "compare_libraries", lambda *how: made)
     monkeypatch.setattr("eomcheck.scene_lookup.scene_named", lambda name: SLEIGH)
     assert code_of(monkeypatch, "compare", "robot.urdf") == code

@@ -80,9 +80,10 @@ def test_a_field_of_the_tree_that_an_engine_leaves_out_fails(field: str, tmp_pat
     assert [one.claim for one in failed(engine, crank(), [claim])][:1] == [claim]
 
 
-def test_the_guide_lists_every_field_of_a_tree_with_its_shape_in_the_order_of_the_code():
-    page = PLANAR.with_name("add-an-engine.md").read_text(encoding="utf-8")
-    table = page.partition("### The tree of a scene")[2].partition("\n### ")[0]
+def test_the_reference_lists_every_field_of_a_tree_with_its_shape_in_the_order_of_the_code():
+    reference = PLANAR.parent.parent / "reference" / "engine-interface.md"
+    page = reference.read_text(encoding="utf-8")
+    table = page.partition("## The tree of a scene")[2].partition("\n## ")[0]
     rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+?) \|", table, re.M))
     tree, sizes = crank().tree(), {"m": 4, "n": 3}
     assert tree is not None
