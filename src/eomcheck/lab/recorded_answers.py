@@ -305,14 +305,14 @@ Reading = Callable[[Array, Array, Array], tuple[Array, Array, tuple[int, ...]]]
 def _times_v(C: Array, error: Array, w: Array) -> tuple[Array, Array, tuple[int, ...]]:
     """Return C w, its error and its indices, of matrices (k, n, n) with errors and w (k, n)."""
     size = error + allowed_error(1.0) * np.abs(C)
-    products = (np.einsum("kij,kj->ki", x, y) for x, y in ((C, w), (size, np.abs(w))))
-    return *products, tuple(range(w.shape[1]))
+    product, its_error = (np.einsum("kij,kj->ki", x, y) for x, y in ((C, w), (size, np.abs(w))))
+    return product, its_error, tuple(range(w.shape[1]))
 
 
 def _with_transpose(C: Array, error: Array, w: Array) -> tuple[Array, Array, tuple[int, ...]]:
     """Return C + Cᵀ (k, n²), its error and its indices."""
-    both = ((x + x.transpose(0, 2, 1)).reshape(len(x), -1) for x in (C, error))
-    return *both, tuple(range(w.shape[1] ** 2))
+    both, its_error = ((x + x.transpose(0, 2, 1)).reshape(len(x), -1) for x in (C, error))
+    return both, its_error, tuple(range(w.shape[1] ** 2))
 
 
 READINGS: dict[str, Reading] = {"C v": _times_v, "C + Cᵀ": _with_transpose}
@@ -406,7 +406,7 @@ def table_layout(
     point = ConformancePoint(Evaluation(scene, *scene.initial_state()))
     inputs: dict[str, dict[int, int]] = {name: {} for name in INPUTS}
     answers: dict[tuple[str, str], dict[int, int]] = {}
-    kinds: dict[tuple[str, str], tuple[Any, ...]] = {}
+    kinds: dict[tuple[str, str], tuple[tuple[int, ...], tuple[tuple[str, ...], ...]]] = {}
     time = None
     for k, text in enumerate(table.names):
         name = parse_name(text)
@@ -737,7 +737,7 @@ class ScreenedGroup:
         with np.errstate(over="ignore", invalid="ignore"):
             ratios = np.abs(actual - self.offset - expected) / (printed + rounding)
         finite = np.isfinite(actual).all(axis=1)
-        for row in (rows[k] for k in np.flatnonzero(~finite)):
+        for row in (rows[int(k)] for k in np.flatnonzero(~finite)):
             self.broken.append(row)
         largest_ratios = ratios.max(axis=1, initial=0.0)
         for k in np.flatnonzero(finite).tolist():
@@ -786,7 +786,10 @@ def screen_rows(
 def batch_point(rows: Sequence[RecordedRow], scene: Scene) -> ConformancePoint:
     """Return the points at the states of rows, as a batch."""
     at = BatchEvaluation([scene] * len(rows), [row.state for row in rows])
-    vdot, force = (BatchArray(np.array([getattr(x, name) for x in rows])) for name in VECTORS)
+    vectors: list[Any] = [
+        BatchArray(np.array([getattr(x, name) for x in rows])) for name in VECTORS
+    ]
+    vdot, force = vectors
     return ConformancePoint(at, vdot, tau=force)
 
 

@@ -431,8 +431,9 @@ def _same(
     numbers: tuple[float, float],
 ) -> Iterator[Finding]:
     """Yield that rates at the same time pass, and those that the differences do not resolve."""
-    resolved = (np.abs(check.rates.value) > 2.0 * check.allowed).any(axis=0)
-    vanish = (np.abs(check.rates.value) <= check.allowed).all(axis=0) & (check.error == 0).all(0)
+    resolved: Array = np.any(np.abs(check.rates.value) > 2.0 * check.allowed, axis=0)
+    equal = np.all(check.error == 0.0, axis=0)
+    vanish: Array = np.all(np.abs(check.rates.value) <= check.allowed, axis=0) & equal
     hidden = [j for j in columns if not (resolved[j] or vanish[j])]
     if len(hidden) < len(columns):
         yield log.finding(worst[0], *numbers, "passed")
@@ -611,7 +612,6 @@ class Observed(NamedTuple):
         power_size: size of the terms of the power (k,), W.
         violation: a v + b (k, r), m/s, None without constraints.
         violation_size: size of its terms (k, r).
-        first_order: |a| |v̇| (k, r), the rate at which a constraint may change, None too.
         momentum: |M v| (k, n), by which an error of v changes the energy.
         force: |Q| (k, n), by which an error of q changes the energy.
     """
@@ -632,9 +632,10 @@ def observe(motion: RecordedMotion) -> Observed:
     parts = [
         _observe(motion, slice(first, first + CHUNK)) for first in range(0, len(motion.t), CHUNK)
     ]
-    return Observed(
-        *(None if x[0] is None else np.concatenate(x) for x in zip(*parts, strict=True))
-    )
+    joined: list[Any] = [
+        None if x[0] is None else np.concatenate(x) for x in zip(*parts, strict=True)
+    ]
+    return Observed(*joined)
 
 
 def _observe(motion: RecordedMotion, rows: slice) -> Observed:
@@ -819,10 +820,9 @@ def _thinned(t: Array, x: Array) -> tuple[list[float], list[float]]:
 def error_panel(title: str, unit: str, t: Array, error: Array, allowed: Array) -> Panel:
     """Return a panel of the largest errors (k, n) of rows, beside the allowed ones."""
     least = np.finfo(float).tiny
-    lines = [
-        Line(key, *_thinned(t, np.maximum(x.max(axis=1), least)), appearance=how)
-        for key, x, how in (("error", error, "line"), ("allowed", allowed, "dotted"))
-    ]
+    errors = _thinned(t, np.maximum(error.max(axis=1), least))
+    bounds = _thinned(t, np.maximum(allowed.max(axis=1), least))
+    lines = [Line("error", *errors), Line("allowed", *bounds, appearance="dotted")]
     floor = min((y for line in lines for y in line.y if float(y) > 1e-30), default=1.0)
     shown = [line._replace(y=[y if float(y) > 1e-30 else np.nan for y in line.y]) for line in lines]
     bounds = (float(floor) / 3.0, None)
@@ -1060,14 +1060,16 @@ class _Reader:
     def motion(self) -> RecordedMotion:
         """Return the motion that was read."""
         t, q, v, vdot, force = (np.concatenate(x) for x in zip(*self.rows, strict=True))
-        t_error, *errors = (np.concatenate(x) for x in zip(*self.errors, strict=True))
+        joined = (np.concatenate(x) for x in zip(*self.errors, strict=True))
+        t_error, q_error, v_error, a_error, tau_error = joined
         if len(t) > 1 and on_a_grid(t):
             t_error = 0.0 * t_error
         a = vdot if "vdot" in self.layout.inputs else None
         if self.layout.convention is not None and "vdot" not in self.layout.base:
             a = None
         u = self.layout.unit_roundoff
-        return RecordedMotion(self.table, self.scene, t, q, v, a, force, t_error, *errors, u)
+        errors = t_error, q_error, v_error, a_error, tau_error
+        return RecordedMotion(self.table, self.scene, t, q, v, a, force, *errors, u)
 
 
 def check_recorded(

@@ -506,7 +506,7 @@ class _Carried:
     def fixed_along(self, axis: Array) -> int:
         """Return the number of points that are known along an axis; those of lines are not."""
         lines = (line for _, _, line in self.points)
-        return sum(line is None or abs(line @ axis) < ALIGNED for line in lines)
+        return int(sum(line is None or abs(line @ axis) < ALIGNED for line in lines))
 
     def misfits(self, placement: _Placement) -> list[float]:
         """Return how far each point, direction and inertia is off, over its closeness."""
