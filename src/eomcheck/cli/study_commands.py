@@ -271,7 +271,8 @@ def draw_scene_command(
     path: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="File to write: .svg, .png, .pdf, or .gif, which moves."
+            metavar="FILE",
+            help="File to write: .svg, .png, .pdf, .gif, which moves, or .html, which is turned.",
         ),
     ],
     scene: SceneOption = "snake",
@@ -279,29 +280,35 @@ def draw_scene_command(
     settings: SetOption = None,
     dark: Dark = False,
     end: Annotated[
-        float | None, typer.Option(metavar="END", help="A .gif: end of its motion, s. [default: 2]")
+        float | None,
+        typer.Option(
+            metavar="END",
+            help="A .gif or .html: end of its motion, s. [default: 2; in a .html no motion]",
+        ),
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="A .gif: number of its pictures. [default: 40]")
+        int | None,
+        typer.Option(help="A .gif or .html: number of poses of its motion. [default: 40]"),
     ] = None,
     speeds: SpeedsOption = None,
     formulation: Annotated[
         str | None,
         typer.Option(
             metavar="KEY",
-            help="A .gif: by which it moves. [default: au]",
+            help="A .gif or .html: by which it moves. [default: au]",
             autocompletion=completer("formulation"),
         ),
     ] = None,
 ) -> None:
     """Draw a scene with its coordinates, axes and constraints named, or its motion."""
-    moving = path.suffix == ".gif"
-    check_figure(path, ".gif")
-    if moving:
-        check_used("in a .gif, which has a light ground", dark=dark)
-    else:
+    page = path.suffix == ".html"
+    moving = path.suffix == ".gif" or (page and end is not None)
+    check_figure(path, ".gif", ".html")
+    if moving or page:
+        check_used("in a .gif, which has a light ground, and in a .html, which has both", dark=dark)
+    if not moving:
         check_used(
-            "in a picture that is no .gif",
+            "in a .html without --end" if page else "in a picture that is no .gif or .html",
             **{"end": end, "frames": frames, "formulation": formulation, "speeds": speeds},
         )
     parameters = parse_parameters(settings)
@@ -318,8 +325,19 @@ def draw_scene_command(
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
         how = "au" if formulation is None else formulation
         u0 = selected_speeds(chosen_scene, speeds)
+        if page:
+            from eomcheck.lab.show.viewer_plotly import states_of_motion, write_viewer
+
+            write_viewer(chosen_scene, states_of_motion(chosen_scene, how, until, count, u0), path)
+            print(f"written: {path}")
+            return
         sketches, times, every = sketches_of_motion(chosen_scene, how, until, count, u0)
         draw_motion(sketches, times.tolist(), path, every)
+    elif page:
+        from eomcheck.lab.show.viewer_plotly import shown_state, write_viewer
+
+        shown, q = scene_to_draw(scene, no_more_than(links), parameters)
+        write_viewer(shown, [shown_state(shown, q)], path)
     else:
         draw_scene(
             *posed_sketch(*scene_to_draw(scene, no_more_than(links), parameters)), path, dark

@@ -56,6 +56,7 @@ from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry, Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import (
+    UPRIGHT,
     Arrow,
     Body,
     Center,
@@ -289,7 +290,7 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     if parameters.gravity is not None and np.any(parameters.gravity):
         along = 0.2 * size * parameters.gravity / np.linalg.norm(parameters.gravity)
         parts.append(Arrow("g", np.zeros(d) - 0.2 * size * np.eye(d)[0], along, frame=False))
-    return Sketch(tuple(parts), up=2 if d == 3 else 1)
+    return Sketch(tuple(parts)) if d == 3 else Sketch(tuple(parts), **UPRIGHT)
 
 
 # ---- The class -----------------------------------------------------------------------------------

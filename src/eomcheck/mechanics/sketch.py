@@ -111,6 +111,22 @@ class ConstraintMark(NamedTuple):
     rows: tuple[int, ...]
 
 
+class Velocity(NamedTuple):
+    """The velocity of a point, to a scale that all velocities of a sketch share."""
+
+    at: Any
+    along: Any
+    """Velocity times the scale, m."""
+
+
+class Force(NamedTuple):
+    """The force of a constraint, to a scale that all forces of a sketch share."""
+
+    at: Any
+    along: Any
+    """Force times the scale, m."""
+
+
 class Trail(NamedTuple):
     """A point whose path an animation draws."""
 
@@ -134,6 +150,8 @@ Part = (
     | Distance
     | Arrow
     | ConstraintMark
+    | Velocity
+    | Force
     | Trail
     | Plane
 )
@@ -143,7 +161,7 @@ class Sketch(NamedTuple):
     """A scene in one pose, as the parts of a picture.
 
     The viewpoint in space has the `azimuth` about the direction `up` and the `elevation` above the
-    horizontal plane, rad; there is no perspective.
+    horizontal plane, rad; there is no perspective. Pictures of planar scenes do not depend on it.
     """
 
     parts: tuple[Part, ...]
@@ -151,6 +169,13 @@ class Sketch(NamedTuple):
     elevation: float = 0.4
     up: int = 2
     """Axis that points up: 1 for y, 2 for z."""
+
+
+UPRIGHT: dict[str, Any] = {"azimuth": 0.35, "elevation": 0.15, "up": 1}
+"""Viewpoint in space of a planar mechanism in a vertical plane."""
+
+FLAT: dict[str, Any] = {"azimuth": -1.4, "elevation": 0.9}
+"""Viewpoint in space of a planar mechanism on the ground."""
 
 
 def direction(angle: float) -> Array:

@@ -91,4 +91,4 @@ class ChainPendulum(Described, OfLinks, description=description):
             at = end
         if self.gravity is not None:
             parts += [draw.Arrow("g", (-0.6 * size, -0.3 * size), (0, -0.5 * size), frame=False)]
-        return draw.Sketch((*parts, draw.Trail(at)))
+        return draw.Sketch((*parts, draw.Trail(at)), **draw.UPRIGHT)

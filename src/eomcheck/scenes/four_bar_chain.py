@@ -181,4 +181,4 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
             parts += [draw.ConstraintMark(f"window {k}", middle, (*rows, *more))]
         if self.gravity is not None:
             parts += [draw.Arrow("g", (-0.4 * span, 0.9 * length), (0, -0.4 * length), frame=False)]
-        return draw.Sketch((*parts, draw.Trail(tips[0])))
+        return draw.Sketch((*parts, draw.Trail(tips[0])), **draw.UPRIGHT)

@@ -166,4 +166,4 @@ class Sleigh(Parametric, functions=globals()):
             draw.Arrow("t", edge + 1.45 * size * along, 0.6 * size * along),
             draw.Arrow("n", edge, 0.8 * size * across),
         )
-        return draw.Sketch(parts)
+        return draw.Sketch(parts, **draw.FLAT)

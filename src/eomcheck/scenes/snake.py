@@ -755,4 +755,4 @@ class Snake(OfLinks, functions=globals()):
                 turn = self.wheel_angle[i]
                 parts += [draw.plane_angle("α_1", middle, turn, 0.3 * size, start=angle)]
             at = end
-        return draw.Sketch(tuple(parts))
+        return draw.Sketch(tuple(parts), **draw.FLAT)

@@ -162,6 +162,7 @@ def write_page(overview: Overview, path: Path) -> None:
 
     sections = [(s, s.charts()) for s in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
+    viewers = _viewers(overview)
     page = render(
         "page.html.j2",
         overview=overview,
@@ -177,9 +178,30 @@ def write_page(overview: Overview, path: Path) -> None:
         formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
         light={key: style.color for key, style in STYLES.items()},
         dark={key: on_dark(style.color) for key, style in STYLES.items()},
-        plotly=plotly_js() if charts else "",
+        viewers=viewers,
+        plotly=plotly_js() if charts or viewers else "",
     )
     write_text(path, page)
+
+
+def _viewers(overview: Overview) -> dict[str, str]:
+    """Return the HTML of the mechanism of each registered scene of the report, by its key."""
+    from eomcheck.lab.show.pictures import scene_and_pose
+    from eomcheck.lab.show.viewer_plotly import (
+        picture_html,
+        shown_state,
+        viewer_figure,
+        viewer_json,
+    )
+
+    viewers = {}
+    for key in overview.scenes:
+        if key in SCENES:
+            scene, q = scene_and_pose(SCENES[key])
+            state = shown_state(scene, q)
+            still = picture_html(scene, state)
+            viewers[key] = viewer_figure(viewer_json(scene, [state]), still=still)
+    return viewers
 
 
 def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -38,6 +38,9 @@ from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import SOLVERS
 from eomcheck.scene_lookup import ROBOTS, scene_class_named, scene_named
+
+if TYPE_CHECKING:
+    from eomcheck.motion.simulate import Trajectory
 
 # ---- Poses and motions ---------------------------------------------------------------------------
 
@@ -110,17 +113,36 @@ def sketches_of_motion(
             a scene without a sketch.
         EomcheckError: the motion does not reach its end.
     """
+    motion = motion_to_draw(scene, formulation, end, frames, BETWEEN, u0)
+    states = zip(motion.q, motion.times, strict=True)
+    return [sketch_of(scene, q, t) for q, t in states], motion.times, BETWEEN
+
+
+def motion_to_draw(
+    scene: Scene,
+    formulation: str,
+    end: float,
+    frames: int,
+    per_frame: int = 1,
+    u0: Sequence[float] | None = None,
+) -> Trajectory:
+    """Return a motion from the initial state, or from u0 (p,), at the times of frames.
+
+    Raises:
+        InputError: fewer than two frames, an end that is no positive time, or no such formulation.
+        EomcheckError: the motion does not reach its end.
+    """
     from eomcheck.motion.simulate import simulate
 
     if frames < 2:
         raise InputError(f"frames = {frames}, expected at least 2")
-    times = np.linspace(0.0, end, BETWEEN * (frames - 1) + 1)
+    times = np.linspace(0.0, end, per_frame * (frames - 1) + 1)
     motion = simulate(scene, formulation, end, output_times=times, u0=u0)
     if motion.status != "finished":
         raise InputError(
             f"the motion of {scene.name} by {formulation} {motion.status}: {motion.reason}"
         )
-    return [sketch_of(scene, q, t) for q, t in zip(motion.q, times, strict=True)], times, BETWEEN
+    return motion
 
 
 def moving_state(
@@ -394,9 +416,15 @@ def paint(axes: Any, drawing: Drawing) -> None:
 
 def save_picture(figure: Any, path: Path) -> None:
     """Write a figure; an SVG with a transparent background and reproducible bytes."""
-    with replacing(path) as beside, plt.rc_context({"svg.hashsalt": "eomcheck"}):
-        svg = {"transparent": True, "metadata": {"Date": None}} if path.suffix == ".svg" else {}
-        figure.savefig(beside, **svg)
+    with replacing(path) as beside:
+        save_figure(figure, beside, path.suffix.removeprefix("."))
+
+
+def save_figure(figure: Any, file: Any, format: str) -> None:
+    """Write a figure into a path or a binary file and close it."""
+    with plt.rc_context({"svg.hashsalt": "eomcheck"}):
+        svg = {"transparent": True, "metadata": {"Date": None}} if format == "svg" else {}
+        figure.savefig(file, format=format, **svg)
         plt.close(figure)
 
 

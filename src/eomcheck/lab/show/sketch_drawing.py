@@ -1,8 +1,9 @@
 """Drawings of mechanisms: a `Sketch` turned into strokes, dots and labels on the page.
 
 A `Sketch` (`eomcheck.mechanics.sketch`) lists the parts of a mechanism in one pose, in m. A `View`
-projects their points: planar ones unchanged, spatial ones orthographically. A `Drawing` turns each
-part into strokes, dots and labels in the colors of a light or a dark background. `place_labels`
+projects their points: planar ones unchanged, spatial ones orthographically; a `Space` keeps them in
+space for a viewer. A `Drawing` turns each part into strokes, dots and labels in the colors of a
+light or a dark background. `place_labels`
 puts each label where it covers neither another label nor a stroke: it tries 16 directions and 7
 distances around the named point and takes the position of least cost; a label far from its point
 gets a leader line. Only the labels need matplotlib (`eomcheck.lab.show.pictures` paints).
@@ -41,6 +42,8 @@ LIGHT = Colors(
 DARK = Colors(
     *("#131416", "#f0f0f0", "#d8d8d8", "#8a8a8a"), *("#56B4E9", "#F0A030"), "#3CC9A0", "#E08FBB"
 )
+ROLES = Colors(*Colors._fields)
+"""Names of the colors in place of colors, for a page that has a light and a dark scheme."""
 
 
 # ---- Projection ----------------------------------------------------------------------------------
@@ -68,11 +71,64 @@ class View:
         towards = np.cos(sketch.elevation) * ahead + np.sin(sketch.elevation) * up
         right = np.cross(up, ahead)
         self.axes = np.array([right, np.cross(towards, right)])
+        self.towards = towards
+        self.page = np.eye(2)
+        """Directions to the right and upwards on the page, in projected coordinates (2, 2)."""
+        self.circles = (self.page,)
+        """Pairs of directions that span the circles by which a ball is drawn."""
 
     def __call__(self, points: Any) -> np.ndarray:
         """Return points (k, d), or one (d,), projected to the page (k, 2)."""
         array = np.atleast_2d(np.asarray(points, dtype=float))
         return array if array.shape[1] == 2 else array @ self.axes.T
+
+    def across(self, along: np.ndarray) -> np.ndarray:
+        """Return a direction of the page (2,) turned to the left by 90°."""
+        return np.array([-along[1], along[0]])
+
+    def wheel(self, wheel: s.Wheel, half: np.ndarray) -> Any:
+        """Return the line of a wheel (2, d) seen from above, which goes `half` (d,) both ways."""
+        return wheel.at - half, wheel.at + half
+
+    def text(self, name: str) -> str:
+        """Return a name as the text of a label."""
+        return symbol(name)
+
+
+class Space(View):
+    """Points in space for a viewer, not projected; planar ones are in the plane z = 0.
+
+    The axes are permuted so that the last one points up.
+    """
+
+    def __init__(self, sketch: s.Sketch):
+        super().__init__(sketch)
+        self.order = [(sketch.up + k) % 3 for k in (1, 2, 3)]
+        self.axes, self.towards = self.axes[:, self.order], self.towards[self.order]
+        self.page = self.axes
+        self.circles = tuple(np.eye(3)[[k, (k + 1) % 3]] for k in range(3))
+
+    def __call__(self, points: Any) -> np.ndarray:
+        """Return points (k, 2 or 3), or one of them, in space (k, 3)."""
+        array = np.atleast_2d(np.asarray(points, dtype=float))
+        return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))[:, self.order]
+
+    def across(self, along: np.ndarray) -> np.ndarray:
+        """Return a direction (3,) at right angles to `along`, to its left as first seen."""
+        return np.cross(self.towards, along)
+
+    def wheel(self, wheel: s.Wheel, half: np.ndarray) -> Any:
+        """Return the rim of a wheel (k, 3) that stands upright with its hub in the plane."""
+        line = np.asarray(super().wheel(wheel, half))
+        if wheel.edge or line.shape[1] == 3:
+            return line
+        turn = np.linspace(0.0, 2 * np.pi, 37)[:, None]
+        rim = line.mean(axis=0) + np.cos(turn) * half
+        return np.hstack((rim, wheel.length / 2 * np.sin(turn)))
+
+    def text(self, name: str) -> str:
+        """Return a name as HTML; the part after "_" is a subscript."""
+        return re.sub(r"(\w+?)_(\w+)", r"\1<sub>\2</sub>", name)
 
 
 # ---- Parts as strokes ----------------------------------------------------------------------------
@@ -89,14 +145,21 @@ class Drawing:
     """Strokes, dots and labels of a sketch, in drawing order."""
 
     def __init__(
-        self, sketch: s.Sketch, colors: Colors, coordinates: Collection[str] | None = None
+        self,
+        sketch: s.Sketch,
+        colors: Colors,
+        coordinates: Collection[str] | None = None,
+        view: View | None = None,
     ):
         """Collect the strokes; without names of `coordinates`, no labels and only the parts that
-        move.
+        move. The `view` is by default that of the sketch, onto a page.
         """
-        self.see, self.colors, self.named = View(sketch), colors, coordinates is not None
+        self.see = View(sketch) if view is None else view
+        self.colors, self.named = colors, coordinates is not None
         self.coordinates = coordinates or ()
         self.strokes: list[Stroke] = []
+        self.drawn: list[type[s.Part]] = []
+        """Kind of the part of each stroke."""
         self.dots: list[tuple[np.ndarray, str, float, str]] = []
         self.labels: list[Label] = []
         self.kinds: set[str] = set()
@@ -105,11 +168,13 @@ class Drawing:
         projected = np.vstack([self.see(p) for p in points])
         self.size = float(np.ptp(projected, axis=0).max())
         ranks = [s.Plane, s.Disk, s.SpringMark, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
+        ranks += [s.Velocity, s.Force]
         ranked = {kind: rank for rank, kind in enumerate(ranks)}
         for part in sorted(sketch.parts, key=lambda part: ranked.get(type(part), len(ranks))):
             if not self.named and isinstance(part, NAMED_ONLY):
                 continue
             getattr(self, f"_{type(part).__name__.lower()}")(part)
+            self.drawn += [type(part)] * (len(self.strokes) - len(self.drawn))
 
     def _line(self, points: Any, color: str, width: float, **look: Any) -> np.ndarray:
         line = self.see(points)
@@ -118,7 +183,7 @@ class Drawing:
 
     def _label(self, text: str, at: np.ndarray, color: str, away: np.ndarray | None = None) -> None:
         if text and self.named:
-            self.labels.append(Label(symbol(text), at, color, away))
+            self.labels.append(Label(self.see.text(text), at, color, away))
 
     def _plane(self, plane: s.Plane) -> None:
         corners = [*plane.points, plane.points[0]]
@@ -128,17 +193,18 @@ class Drawing:
         points = [*body.points, body.points[0]] if body.closed else [*body.points]
         fill = self.colors.body if body.closed else ""
         line = self._line(points, self.colors.body, 3.0, fill=fill)
-        step = line[1] - line[0]
-        self._label(
-            body.name, (line[0] + 2 * line[1]) / 3, self.colors.ink, np.array([-step[1], step[0]])
-        )
+        across = self.see.across(line[1] - line[0])
+        self._label(body.name, (line[0] + 2 * line[1]) / 3, self.colors.ink, across)
 
     def _disk(self, disk: s.Disk) -> None:
         turn = np.linspace(0.0, 2 * np.pi, 73)
         if disk.ball:
             center = self.see(disk.center)[0]
-            rim = center + disk.radius * np.column_stack((np.cos(turn), np.sin(turn)))
-            self.strokes.append(Stroke(rim, self.colors.body, 2.0, fill=self.colors.body))
+            circle = disk.radius * np.column_stack((np.cos(turn), np.sin(turn)))
+            rims = [center + circle @ axes for axes in self.see.circles]
+            body = self.colors.body
+            self.strokes += [Stroke(rim, body, 2.0, fill=body) for rim in rims]
+            rim = rims[0]
         else:
             axis = np.asarray(disk.axis) / np.linalg.norm(disk.axis)
             first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
@@ -148,7 +214,7 @@ class Drawing:
             rim = self._line(
                 disk.center + disk.radius * circle, self.colors.body, 2.5, fill=self.colors.body
             )
-        low = rim[int(np.argmin(rim @ np.array([1.0, 0.6])))]
+        low = rim[int(np.argmin(rim @ (np.array([1.0, 0.6]) @ self.see.page)))]
         self._label(disk.name, low, self.colors.ink, low - rim.mean(axis=0))
 
     def _jointmark(self, mark: s.JointMark) -> None:
@@ -163,17 +229,17 @@ class Drawing:
 
     def _hatching(self, at: np.ndarray) -> None:
         """Draw the ground below a pin joint."""
-        size = 0.022 * self.size
-        foot = at + size * np.array([[-1.0, -1.6], [0.0, 0.0], [1.0, -1.6], [-1.0, -1.6]])
+        size, page = 0.022 * self.size, self.see.page
+        foot = at + size * (np.array([[-1.0, -1.6], [0.0, 0.0], [1.0, -1.6], [-1.0, -1.6]]) @ page)
         self.strokes.append(Stroke(foot, self.colors.body, 1.5))
         for shift in (-0.9, -0.2, 0.5):
-            tooth = at + size * np.array([[shift + 0.4, -1.6], [shift, -2.3]])
+            tooth = at + size * (np.array([[shift + 0.4, -1.6], [shift, -2.3]]) @ page)
             self.strokes.append(Stroke(tooth, self.colors.body, 1.2))
 
     def _wheel(self, wheel: s.Wheel) -> None:
         half = wheel.length / 2 * np.asarray(wheel.along) / np.linalg.norm(wheel.along)
         self._line(
-            (wheel.at - half, wheel.at + half),
+            self.see.wheel(wheel, half),
             self.colors.constraint,
             7.0 if not wheel.edge else 4.0,
         )
@@ -194,7 +260,7 @@ class Drawing:
         start, end = (np.asarray(p, dtype=float) for p in (spring.start, spring.end))
         ends = self.see((start, end))
         along = ends[1] - ends[0]
-        across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-300)
+        across = self.see.across(along) / max(float(np.linalg.norm(along)), 1e-300)
         share = np.array([0.0, 0.2, *np.linspace(0.24, 0.76, 14), 0.8, 1.0])
         sway = np.array([0.0, 0.0, *np.tile([1.0, -1.0], 7), 0.0, 0.0])
         points = ends[0] + np.outer(share, along) + 0.018 * self.size * np.outer(sway, across)
@@ -224,8 +290,8 @@ class Drawing:
         color = self._measure(distance.name) if distance.name else self.colors.faint
         look: dict[str, Any] = {"head": True} if distance.name else {"style": (0, (4, 3))}
         line = self._line((distance.start, distance.end), color, 1.5, **look)
-        step = line[1] - line[0]
-        self._label(distance.name, line.mean(axis=0), color, np.array([-step[1], step[0]]))
+        across = self.see.across(line[1] - line[0])
+        self._label(distance.name, line.mean(axis=0), color, across)
 
     def _arrow(self, arrow: s.Arrow) -> None:
         end = np.asarray(arrow.at, float) + np.asarray(arrow.along, float)
@@ -236,6 +302,12 @@ class Drawing:
         line = self._line((arrow.at, end), color, 1.6 if arrow.frame else 2.4, head=True)
         self._label(arrow.name.removesuffix(" axis"), line[1], color, line[1] - line[0])
         self.kinds.add("axis" if arrow.frame else "")
+
+    def _velocity(self, arrow: s.Velocity) -> None:
+        self._line((arrow.at, arrow.at + arrow.along), self.colors.coordinate, 2.0, head=True)
+
+    def _force(self, arrow: s.Force) -> None:
+        self._line((arrow.at, arrow.at + arrow.along), self.colors.constraint, 2.4, head=True)
 
     def _constraintmark(self, mark: s.ConstraintMark) -> None:
         self._label(mark.name, self.see(mark.at)[0], self.colors.constraint)
