@@ -116,6 +116,20 @@ def test_there_are_blocks():
     assert {"README.md", "andrews.md", "in-your-ci.md"} <= {page.name for page, *_ in BLOCKS}
 
 
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.night
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
+def test_a_notebook_runs_from_its_folder(path: Path):
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    book = nbformat.read(path, as_version=4)
+    assert not any(cell.get("outputs") for cell in book.cells), "outputs are not kept in git"
+    nbclient.NotebookClient(book, resources={"metadata": {"path": str(path.parent)}}).execute()
+    assert any(cell.get("outputs") for cell in book.cells)
+
+
 # ---- Parts, sizes and words of pages -------------------------------------------------------------
 
 INDEX = (DOCS / "index.md").read_text(encoding="utf-8")
