@@ -171,6 +171,30 @@ def test_the_log_of_the_guide_passes_and_one_without_the_damper_is_named(tmp_pat
     assert "without springs and dampers" in failed["equations of motion"]
 
 
+@pytest.mark.parametrize("damper", [True, False])
+def test_a_log_without_accelerations_is_judged_up_to_half_a_step_of_the_integrator(
+    damper: bool, tmp_path: Path
+):
+    """Differences of v are half a step beside the accelerations of semi-implicit Euler."""
+    command = [sys.executable, str(GUIDES / "rod_log.py"), *([] if damper else ["0"])]
+    lines = subprocess.run(command, capture_output=True, check=True, text=True).stdout.split()
+    columns = lines[0].split(",")
+    kept = [k for k, name in enumerate(columns) if not name.startswith("a[")]
+    rows = [",".join(line.split(",")[k] for k in kept) for line in lines]
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
+    findings, _, _ = check_recorded(tmp_path / "log.csv", from_urdf(GUIDES / "rod.urdf"))
+    verdicts = {x.subject: x.verdict for x in findings}
+    assert verdicts["equations of motion"] == ("inconclusive" if damper else "failed")
+
+
+def test_a_motion_without_applied_forces_passes_by_its_inertia(tmp_path: Path):
+    scene = SCENES["chain-pendulum"].example()
+    motion = simulate(scene, "kane", 0.2)
+    write_trajectory(motion, tmp_path / "a.npz")
+    verdicts, _, failed = checked(tmp_path / "a.npz", dict(np.load(tmp_path / "a.npz")), scene)
+    assert not failed and "equations of motion" in verdicts["passed"]
+
+
 # ---- Faults --------------------------------------------------------------------------------------
 
 

@@ -858,13 +858,16 @@ class EquationsCheck(NamedTuple):
     Attributes:
         expected: forces (k, n) at all rows.
         error: their errors (k, n).
-        first_order: changes (k, n) of the forces within a step.
+        first_order: changes (k, n) of the forces within a step; of M a too, if accelerations are
+            differences of v, which lie half a step beside those of many integrators.
+        inertia: |M a| (k, n): of a motion without applied forces it shows what is resolved.
         judged: row -> the row with its allowed errors, of some rows.
     """
 
     expected: Array
     error: Array
     first_order: Array
+    inertia: Array
     judged: dict[int, JudgedRow]
 
 
@@ -908,14 +911,25 @@ def _force_error(motion: RecordedMotion, a: Array, a_error: Array, row: int) -> 
 
 
 def compare_equations(
-    motion: RecordedMotion, a: Array, a_error: Array
+    motion: RecordedMotion, a: Array, a_error: Array, differences: bool = False
 ) -> tuple[EquationsCheck, AnswerColumns]:
-    """Compare applied forces with those that accelerations need; some rows with their bounds."""
+    """Compare applied forces with those that accelerations need; some rows with their bounds.
+
+    Args:
+        motion: the motion.
+        a, a_error: accelerations (k, n) and their errors.
+        differences: whether they are differences of v.
+    """
     count, n = motion.q.shape
     rows = np.arange(count)
     expected = _expected_forces(motion, a, rows)
     error = np.abs(motion.tau - expected)
-    first_order = largest_around(_on_rows(np.abs(np.diff(expected, axis=0))), 1)
+    changes = np.abs(np.diff(expected, axis=0))
+    if differences:
+        later = _expected_forces(motion, np.roll(a, -1, axis=0), rows[:-1])
+        changes = np.maximum(changes, np.abs(later - expected[:-1]))
+    first_order = largest_around(_on_rows(changes), 1)
+    inertia = np.abs(expected - _expected_forces(motion, np.zeros_like(a), rows))
     size = np.abs(expected).max(axis=1, initial=0.0)[:, None]
     noise = motion.tau_error + allowed_error(1.0, motion.unit_roundoff) * size
     least = np.finfo(float).tiny
@@ -933,9 +947,9 @@ def compare_equations(
         before = _rows_at(motion, a, np.array([k - 1]))[0] if k else None
         one = judge_row(group, _rows_at(motion, a, np.array([k]))[0], before, layout)
         allowed = one.allowed + _force_error(motion, a, a_error, k)
-        resolved = np.abs(one.expected) > 2.0 * allowed
+        resolved = np.maximum(np.abs(one.expected), inertia[k]) > 2.0 * allowed
         judged[k] = one._replace(allowed=allowed, resolved=resolved)
-    return EquationsCheck(expected, error, first_order, judged), columns
+    return EquationsCheck(expected, error, first_order, inertia, judged), columns
 
 
 def _row_alignment(motion: RecordedMotion, a: Array, check: EquationsCheck) -> str:
@@ -969,7 +983,8 @@ def equations_findings(
     numbers = float(judged[worst].errors[at]), float(judged[worst].allowed[at])
     if not judged[worst].fails:
         resolved = np.any([one.resolved for one in judged.values()], axis=0)
-        moves = np.any([np.abs(one.expected) > one.own for one in judged.values()], axis=0)
+        sizes = {k: np.maximum(np.abs(x.expected), check.inertia[k]) for k, x in judged.items()}
+        moves = np.any([sizes[k] > one.own for k, one in judged.items()], axis=0)
         hidden = [j for j in range(motion.scene.n) if moves[j] and not resolved[j]]
         findings = []
         if len(hidden) < motion.scene.n:
@@ -1150,6 +1165,7 @@ def check_motion(
     allowed = speeds.allowed + speeds.first_order
     panels = [error_panel("v against q", "error / (rad/s, m/s)", t, speeds.error, allowed)]
     a, a_error = motion.a, motion.a_error
+    differences = a is None
     if a is None:
         rates = difference_rates(t, motion.v, rounding["v"])
         a, a_error = rates.value, rates.error
@@ -1164,7 +1180,7 @@ def check_motion(
         panels.append(error_panel(*title, t, accelerations.error, allowed))
     motion, a, a_error = _with_v_of_its_row(motion, a, a_error, speeds.common)
     t = motion.t
-    equations, columns = compare_equations(motion, a, a_error)
+    equations, columns = compare_equations(motion, a, a_error, differences)
     more_findings, more = equations_findings(motion, equations, columns, a)
     findings, notes = findings + more_findings, notes + more
     known = np.max([largest(one.allowed) for one in equations.judged.values()])
