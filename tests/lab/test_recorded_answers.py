@@ -316,6 +316,33 @@ def test_a_row_without_numbers_is_named(tmp_path: Path):
     assert failures(path)["M"] == "M, row 5 (line 7): no finite numbers; 1 such rows"
 
 
+@pytest.mark.parametrize("text", ["nan", "", "inf"])
+def test_one_entry_without_a_number_is_no_right_answer(text: str, tmp_path: Path):
+    path = recorded(tmp_path / "a.csv")
+    with path.open(newline="") as file:
+        head, *rows = csv.reader(file)
+    rows[5][head.index("M[1;2]")] = text
+    write_answers(path, [head, *rows])
+    assert failures(path) == {"M": "M, row 5 (line 7): no finite numbers; 1 such rows"}
+
+
+def test_rows_behind_the_first_chunk_are_judged_as_those_in_it(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("eomcheck.lab.recorded_table.CHUNK", 4)
+    later = recorded(tmp_path / "a.csv", lambda n, k, x: x + 7 * (k > 3) if n == "U" else x)
+    assert failures(later)["potential_energy"].endswith("4 of 8 rows differ")
+    before: dict[int, Any] = {}
+
+    def stale(name: str, k: int, x: Any) -> Any:
+        if name != "M":
+            return x
+        before[k] = x
+        return before[3] if k == 4 else x
+
+    found = failures(recorded(tmp_path / "b.csv", stale))["M"]
+    assert "as the row before: stale" in found
+    assert "row 4 (line 6)" in found
+
+
 def test_some_entries_are_judged_alone(tmp_path: Path):
     table = open_table(recorded(tmp_path / "a.csv"))
     columns = dict(zip(table.names, next(table.chunks()).values.T, strict=True))
@@ -459,6 +486,16 @@ def test_a_column_of_the_state_that_is_missing_is_named(column: str, missing: st
         table_layout(open_table(tmp_path / "a.npz"), CHAIN)
 
 
+@pytest.mark.parametrize(
+    ("column", "missing"), [("M[0;0]", "q"), ("bias[0]", "v"), ("tau[0]", "vdot")]
+)
+def test_an_input_that_is_missing_wholly_is_not_0(column: str, missing: str, tmp_path: Path):
+    columns = {name: x for name, x in STATE.items() if not name.startswith(f"{missing}[")}
+    write_table(tmp_path / "a.npz", columns | {column: np.ones(1)})
+    with pytest.raises(InputError, match=rf"has no column {missing}\[θ_1\]"):
+        table_layout(open_table(tmp_path / "a.npz"), CHAIN)
+
+
 def test_a_state_that_is_no_number_is_bad_input(tmp_path: Path):
     write_table(tmp_path / "a.npz", STATE | {"q[1]": np.full(1, np.nan), "M[0;0]": np.ones(1)})
     with pytest.raises(InputError, match="row 0: the state has no finite numbers"):
@@ -599,6 +636,8 @@ def test_a_free_base_that_cannot_be_read_is_one_sentence(floating, tmp_path: Pat
     header = dict(table.header)
     twice = {"base.quat_w": 2 * columns["base.quat_w"]}
     assert "row 0 (line 3): base.quat has length" in message(twice, header)
+    half = {name: x / 2 for name, x in columns.items() if name.startswith("base.quat")}
+    assert "row 0 (line 3): base.quat has length 0.5, expected 1" in message(half, header)
     assert "no header line '# base: world axes, linear first'" in message({}, {})
     assert "has no column base.quat_x" in message({"base.quat_x": None}, header)
     assert "'base.q'" in message({"base.q": np.ones(3)}, header)
@@ -628,6 +667,10 @@ def test_states_are_written_and_answers_checked_by_commands(tmp_path: Path, monk
     recorded(tmp_path / "right.csv")
     assert run("check", "right.csv", "--scene", "chain-pendulum") == 0
     assert "3 of 3 quantities passed; " in capsys.readouterr().out
+    recorded(tmp_path / "single.csv", lambda name, k, x: np.float32(x))
+    for precision, code in ((["--precision", "float32"], 0), ([], 1)):
+        assert run("check", "single.csv", "--scene", "chain-pendulum", *precision) == code
+        capsys.readouterr()
     recorded(tmp_path / "wrong.csv", lambda name, k, x: -x if name == "bias" else x)
     words = "--json", "a.json", "--report", "a.html"
     assert run("check", "wrong.csv", "--scene", "chain-pendulum", *words) == 1

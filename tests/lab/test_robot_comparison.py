@@ -14,7 +14,7 @@ from tests.lab.test_recorded_answers import arm_text
 from eomcheck import cli
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.robot_comparison import RobotComparison, compare_robots
-from eomcheck.scenes import SCENES, from_urdf
+from eomcheck.scenes import SCENES, from_mjcf, from_urdf
 
 ARM = arm_text()
 
@@ -264,6 +264,103 @@ def test_many_links_of_a_body_are_named_in_part(tmp_path: Path):
     assert difference.where == "body of j5 (link5, tag0, tag1, tag2, tag3 and 2 others)"
 
 
+def chain_text(
+    dynamics: str = "", equality: str = "", gravity: str = "0 0 -9.81", order: str = "lr"
+) -> str:
+    """Return an MJCF: a hinge, a hinge with dynamics on it, and two hinges on that one."""
+    inertial = '<inertial pos="0.1 0 {}" mass="1" diaginertia="1 1 1.2"/>'
+    ends = "".join(
+        f'<body name="{x}" pos="1 0 {x == "l":d}"><joint name="{x}" axis="0 1 0"/>'
+        f"{inertial.format(0.1)}</body>"
+        for x in order
+    )
+    return (
+        f'<mujoco><option gravity="{gravity}"/><worldbody><body name="a">'
+        f'<joint name="j" axis="0 1 0"/>{inertial.format(0)}<body name="b" pos="1 0 0">'
+        f'<joint name="k" axis="0 1 0" {dynamics}/>{inertial.format(0)}{ends}</body></body>'
+        f"</worldbody><equality>{equality}</equality></mujoco>"
+    )
+
+
+def compared_mjcf(tmp_path: Path, first: str, second: str) -> RobotComparison:
+    pytest.importorskip("mujoco")
+    paths = tmp_path / "a.xml", tmp_path / "b.xml"
+    for path, text in zip(paths, (first, second), strict=True):
+        path.write_text(text)
+    return compare_robots(*map(from_mjcf, paths), {}, examples=3)
+
+
+COUPLED = '<joint joint1="l" joint2="j" polycoef="{}"/>'
+HELD = '<connect body1="l" body2="world" anchor="{} 0 0"/>'
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        ((), ('armature="0.1"',), "joint k: armature: 0, 0.1"),
+        (('stiffness="2"',), ('stiffness="3"',), "joint k: stiffness: 2, 3"),
+        (
+            ('stiffness="2" springref="30"',),
+            ('stiffness="2"',),
+            "joint k: rest of its spring: 0.523599, 0",
+        ),
+        ((), ("", "", "0 0 9.81"), "world: gravity: (0, 0, -9.81), (0, 0, 9.81) m/s²"),
+        ((), ("", HELD.format(0.1)), "constraints: number: 0 equations of a.xml, 2 of b.xml"),
+        (("", COUPLED.format("0 1 0 0 0")), (), "number: 1 equation of a.xml, 0 of b.xml"),
+        (("", COUPLED.format("0 1 0 0 0")), ("", COUPLED.format("0 -1 0 0 0")), "equations: a po"),
+        (("", COUPLED.format("0 1 0 0 0")), ("", COUPLED.format("1 1 0 0 0")), "equations: a po"),
+        (("", HELD.format(0.1)), ("", HELD.format(0.101)), "constraints: equations: a position or"),
+    ],
+)
+def test_a_difference_of_forces_or_constraints_is_named_alone(first, second, said, tmp_path: Path):
+    (difference,) = compared_mjcf(tmp_path, chain_text(*first), chain_text(*second)).differences
+    assert said in str(difference)
+
+
+@pytest.mark.parametrize("equality", [HELD.format(0.1), COUPLED.format("0.2 -0.7 0 0 0")])
+def test_constraints_are_the_same_in_any_order_of_joints_and_with_printed_digits(
+    equality: str, tmp_path: Path
+):
+    dynamics = 'stiffness="2" springref="20"'
+    first = chain_text(dynamics, equality)
+    assert compared_mjcf(tmp_path, first, chain_text(dynamics, equality, order="rl")).is_same
+    mujoco = pytest.importorskip("mujoco")
+    spec = mujoco.MjSpec.from_string(first)
+    spec.compile()
+    assert compared_mjcf(tmp_path, first, spec.to_xml()).is_same
+
+
+def test_the_effect_is_at_the_joint_that_differs_in_any_order(tmp_path: Path):
+    other = chain_text(order="rl").replace('"l" axis="0 1 0"', '"l" axis="0 1 0" armature="5"')
+    for first, second in ((chain_text(), other), (other, chain_text())):
+        found = compared_mjcf(tmp_path, first, second)
+        assert {x.quantity: x.joint for x in found.effects if x.size}["M"] == "l"
+
+
+def mimicking(leader: int, ratio: float) -> str:
+    tag = f'<mimic joint="j{leader}" multiplier="{ratio}"/>'
+    return in_joint(5, "<axis", f"{tag}<axis")
+
+
+def test_the_leader_and_the_ratio_of_a_joint_that_follows_are_named(tmp_path: Path):
+    (leader,) = compared(tmp_path, mimicking(1, 2.0), mimicking(2, 2.0)).differences
+    assert str(leader) == "joint j5: mimic: follows j1; follows j2"
+    ratios = compared(tmp_path, mimicking(1, 2.0), mimicking(1, -2.0)).differences
+    assert "joint j5: mimic: ratio 2, -2" in map(str, ratios)
+    for first, second, said in (
+        (ARM, mimicking(1, 2.0), "free; follows j1, 2 times"),
+        (mimicking(1, 2.0), ARM, "follows j1, 2 times; free"),
+    ):
+        found = compared(tmp_path, first, second).differences
+        assert f"joint j5: mimic: {said}" in map(str, found)
+
+
+def test_a_joint_on_another_parent_is_named(tmp_path: Path):
+    moved = in_joint(5, '<parent link="link4"/>', '<parent link="link3"/>')
+    found = compared(tmp_path, ARM, moved).differences
+    assert "joint j5: parent: on j4, on j3" in map(str, found)
+
+
 def test_a_scene_without_a_tree_is_refused():
     scene = next(kind.example() for kind in SCENES.values() if kind.example().tree() is None)
     with pytest.raises(InputError, match="has no tree of bodies"):
@@ -297,6 +394,11 @@ def test_two_files_are_compared_by_the_command(tmp_path: Path, monkeypatch, caps
         3,
     )
     assert run("a.urdf", "c.urdf", "--match", "j2=elbow") == 0
+    Path("short.urdf").write_text(ARM[: ARM.index('<link name="link5">')] + "</robot>")
+    for words in (("a.urdf", "short.urdf"), ("short.urdf", "a.urdf")):
+        capsys.readouterr()
+        assert run(*words) == 1
+        assert "joint j5: missing: only in a.urdf" in capsys.readouterr().out
     for words, message in (
         (("a.urdf", "c.urdf", "--match", "j2"), "expected JOINT=JOINT"),
         (("a.urdf", "c.urdf", "--match", "j2=j9"), "'j9'"),

@@ -4,7 +4,8 @@ Joints are matched by name, by request, or by their place in the tree. What is c
 depend on the frames of links, in which files are free: axes of joints as lines in space and bodies
 (mass, centre of mass, inertia) where all coordinates are 0, each relative to the joint before it:
 one difference is not reported again by all that it carries. Links that are fixed to each other are
-one body. Differences are weighed by what they do to M, gravity and accelerations.
+one body. Constraints are compared by the positions and motions that satisfy them. Differences are
+weighed by what they do to M, gravity and accelerations.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from eomcheck.descriptions.joint_tree import RigidBody
 from eomcheck.descriptions.mjcf_reader import MJCF, included_files
 from eomcheck.descriptions.urdf_reader import URDF, Element, root_of
 from eomcheck.descriptions.vector_algebra import rotation_matrix
+from eomcheck.draws.pairwise_design import state_cases
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
@@ -47,7 +49,20 @@ INERTIAL = {"xyz": "center", "pos": "center", "mass": "mass"}
 """Attribute of an inertial -> sort of its numbers; the others are those of its inertia."""
 
 PLACEMENT = frozenset(
-    {"xyz", "rpy", "pos", "quat", "euler", "axisangle", "xyaxes", "zaxis", "axis", "ref", "fromto"}
+    {
+        "xyz",
+        "rpy",
+        "pos",
+        "quat",
+        "euler",
+        "axisangle",
+        "xyaxes",
+        "zaxis",
+        "axis",
+        "ref",
+        "springref",
+    }
+    | {"fromto"}
 )
 """Attributes of other elements that place something."""
 
@@ -122,14 +137,16 @@ def compare_robots(
         examples: number of states at which the effect is measured.
 
     Raises:
-        InputError: one has no tree of bodies.
+        InputError: one has no tree of bodies, or no position satisfies the constraints.
         UnknownNameError: `match` names a joint that there is not.
     """
     sides = _Side(first), _Side(second)
     matched, by_structure = match_joints(*sides, match or {})
     found = _merged([*_unmatched(*sides, matched), *_differences(*sides, matched)])
-    found.sort(key=lambda one: -one.size)
     whole = len(matched) == len(sides[0].tree.joint) == len(sides[1].tree.joint)
+    if whole and not any(one.where.startswith("joint ") for one in found):
+        found += _constraint_differences(*sides, matched, examples)
+    found.sort(key=lambda one: -one.size)
     effects = tuple(_effects(*sides, matched, examples)) if whole and found else ()
     names = sides[0].name, sides[1].name
     if names[0] == names[1]:
@@ -413,6 +430,8 @@ def _differences(
         for difference in pair.explained:
             yield RobotDifference(where, *difference)
         yield from _coefficients(first, second, j, k, where, near.coefficient)
+        yield from _spring_difference(first, second, j, k, where, near.placement)
+        yield from _mimic_difference(first, second, j, k, where, matched, near.coefficient)
         yield from _body_differences(first, second, j, k, pair.placement, reach, near)
     yield from _gravity_difference(first, second, near.coefficient)
 
@@ -628,11 +647,36 @@ COEFFICIENTS = {"damping": "damper", "stiffness": "spring"}
 def _coefficients(
     first: _Side, second: _Side, j: int, k: int, where: str, near: float
 ) -> Iterator[RobotDifference]:
-    """Yield the differences between dampers, springs, rotors and followers of two joints."""
+    """Yield the differences between dampers, springs and rotors of two joints."""
     for name in (*COEFFICIENTS, "armature"):
         x, y = (_coefficient(side, i, name) for side, i in ((first, j), (second, k)))
         if abs(x - y) > near * max(abs(x), abs(y)):
             yield RobotDifference(where, name, _both(x, y), _relative(x, y))
+
+
+def _spring_difference(
+    first: _Side, second: _Side, j: int, k: int, where: str, near: float
+) -> Iterator[RobotDifference]:
+    """Yield the difference between the coordinates at which the springs of two joints are relaxed.
+
+    A joint without a spring has none.
+    """
+    if _coefficient(first, j, "stiffness") and _coefficient(second, k, "stiffness"):
+        x, y = (_coefficient(side, i, "relaxed") for side, i in ((first, j), (second, k)))
+        if abs(x - y) > near * max(1.0, abs(x), abs(y)):
+            yield RobotDifference(where, "rest of its spring", _both(x, y), _relative(x, y))
+
+
+def _mimic_difference(
+    first: _Side,
+    second: _Side,
+    j: int,
+    k: int,
+    where: str,
+    matched: Mapping[str, str],
+    near: float,
+) -> Iterator[RobotDifference]:
+    """Yield the difference between the joints that two joints follow."""
     rows = []
     for side, i in (first, j), (second, k):
         row = side.tree.coordinates[i]
@@ -643,6 +687,8 @@ def _coefficients(
     if bool(leader) != bool(other):
         texts = [f"follows {x}, {r:.6g} times" if x else "free" for x, r in rows]
         yield RobotDifference(where, "mimic", f"{texts[0]}; {texts[1]}", 1.0)
+    elif leader and matched.get(leader, other) != other:
+        yield RobotDifference(where, "mimic", f"follows {leader}; follows {other}", 1.0)
     elif abs(ratio - other_ratio) > near * max(abs(ratio), abs(other_ratio)) and leader:
         yield RobotDifference(where, "mimic", f"ratio {_both(ratio, other_ratio)}", 1.0)
 
@@ -655,7 +701,7 @@ def _coefficient(side: _Side, j: int, name: str) -> float:
     values = getattr(side.scene, name, None)
     if topology is None or values is None:
         return 0.0
-    index = getattr(topology.joints[j], COEFFICIENTS[name])
+    index = getattr(topology.joints[j], COEFFICIENTS.get(name, "spring"))
     return 0.0 if index is None else float(np.ravel(values)[index])
 
 
@@ -757,6 +803,83 @@ def _gravity_difference(first: _Side, second: _Side, near: float) -> Iterator[Ro
         yield RobotDifference("world", "gravity", f"({_numbers(x)}), ({_numbers(y)}) m/s²", size)
 
 
+def _constraint_differences(
+    first: _Side, second: _Side, matched: Mapping[str, str], examples: int
+) -> Iterator[RobotDifference]:
+    """Yield the difference between the constraints of two robots whose joints are the same.
+
+    They are compared at positions that satisfy those of the first: the distance to one that
+    satisfies those of the second, and the directions in which both let the robot move.
+    """
+    columns = _columns(first, second, matched)
+    if not (first.scene.r or second.scene.r) or columns is None:
+        return
+    near = Closeness.of(first, second).placement
+    reach, worst = max(first.reach, second.reach), 0.0
+    for _, (q, v, t) in state_cases(first.scene, examples, 0):
+        ours = _Constraints.at(first.scene, q, v, t, near)
+        theirs = _Constraints.at(second.scene, _moved_back(columns, q), 0.0 * v, t, near)
+        back = theirs.projector[np.ix_(columns, columns)]
+        if ours.rank != theirs.rank:
+            text = (
+                f"{counted(ours.rank, 'equation')} of {first.name}, {theirs.rank} of {second.name}"
+            )
+            yield RobotDifference("constraints", "number", text, 1.0)
+            return
+        turned = largest(ours.projector - back) / max(1.0, ours.condition, theirs.condition)
+        own, apart = (x.distance * x.least / max(reach, 1.0) for x in (ours, theirs))
+        worst = max(worst, turned, apart - 2.0 * own)
+    if worst > near:
+        text = "a position or motion that satisfies one does not satisfy the other"
+        yield RobotDifference("constraints", "equations", text, min(1.0, worst))
+
+
+class _Constraints(NamedTuple):
+    """Constraints of a robot at a position, whatever rows they are written in."""
+
+    projector: Array
+    """Projector (n, n) onto the velocities that they exclude."""
+    rank: int
+    condition: float
+    least: float
+    """Least singular value of a that is none of rounding."""
+    distance: float
+    """Distance to a position that satisfies them, to first order."""
+
+    @classmethod
+    def at(cls, scene: Scene, q: Array, v: Array, t: float, near: float) -> _Constraints:
+        """Return the constraints of a scene at a state; singular values of `near` are 0."""
+        at = Evaluation(scene, q, v, t)
+        a = np.zeros((0, scene.n)) if at.terms.a is None else np.asarray(at.terms.a, np.float64)
+        left, sizes, right = np.linalg.svd(a, full_matrices=False)
+        kept = sizes > near * max(1.0, largest(sizes))
+        residual = np.zeros(len(a))
+        if scene.position_residual is not None:
+            at_q = at.parameters, at.prepared, at.q
+            residual[scene.holonomic] = at.call(scene.position_residual, *at_q)
+        steps = (left.T @ residual)[kept] / sizes[kept]
+        least = float(sizes[kept].min(initial=np.inf))
+        rows = right[kept]
+        rank, condition = int(kept.sum()), float(largest(sizes) / least) if kept.any() else 1.0
+        least = least if kept.any() else 0.0
+        return cls(rows.T @ rows, rank, condition, least, float(np.linalg.norm(steps)))
+
+
+def _columns(first: _Side, second: _Side, matched: Mapping[str, str]) -> list[int] | None:
+    """Return the coordinate of the second for each of the first; None if they do not match."""
+    names, others = first.scene.coordinate_names, second.scene.coordinate_names
+    if any(matched.get(name) not in others for name in names) or len(names) != len(others):
+        return None
+    return [others.index(matched[name]) for name in names]
+
+
+def _moved_back(columns: list[int], x: Array) -> Array:
+    """Return coordinates of the first robot in the order of the second."""
+    back = np.empty(len(columns))
+    back[columns] = x
+    return back
+
+
 def _numbers(x: Iterable[float]) -> str:
     return ", ".join(f"{0.0 if abs(y) < 1e-12 else y:.6g}" for y in x)
 
@@ -803,20 +926,17 @@ def _effects(
     first: _Side, second: _Side, matched: Mapping[str, str], examples: int
 ) -> Iterator[Effect]:
     """Yield the effects of all differences on M, gravity and accelerations, at the same q and v."""
-    names, others = first.scene.coordinate_names, second.scene.coordinate_names
-    if any(matched.get(name) not in others for name in names) or len(names) != len(others):
+    columns, names = _columns(first, second, matched), first.scene.coordinate_names
+    if columns is None:
         return
-    columns = [others.index(matched[name]) for name in names]
     random, n = np.random.default_rng(0), first.scene.n
     values: dict[str, list[tuple[Array, Array]]] = {"M": [], "gravity": [], "acceleration": []}
     for _ in range(examples):
         q, v = random.uniform(-1.0, 1.0, (2, n))
-        back = np.empty(n), np.empty(n)
-        for x, y in zip(back, (q, v), strict=True):
-            x[columns] = y
+        q_there, v_there = _moved_back(columns, q), _moved_back(columns, v)
         points = (
             ConformancePoint(Evaluation(first.scene, q, v), tau=np.zeros(n)),
-            ConformancePoint(Evaluation(second.scene, *back), tau=np.zeros(n)),
+            ConformancePoint(Evaluation(second.scene, q_there, v_there), tau=np.zeros(n)),
         )
         for name, value in QUANTITIES.items():
             x, y = (np.asarray(value(point)) for point in points)
