@@ -269,6 +269,30 @@ def test_forces_on_some_coordinates_alone_are_one_sentence(tmp_path: Path):
         check_recorded(tmp_path / "a.npz", CHAIN)
 
 
+def test_one_wrong_row_is_named_between_rows_that_are_judged_in_any_case(tmp_path: Path):
+    tau = RK4.tau.copy()
+    tau[30, 1] += 0.5
+    _, _, failed = checked(tmp_path / "a.npz", log_columns(CHAIN, RK4._replace(tau=tau)))
+    assert "; row 30; 1 of 60 rows differ" in failed["equations of motion"]
+
+
+def test_a_jump_that_is_no_full_turn_is_no_wrap(tmp_path: Path):
+    q = RK4.q.copy()
+    q[30:, 1] += 4.0
+    _, notes, failed = checked(tmp_path / "a.npz", log_columns(CHAIN, RK4._replace(q=q)))
+    assert "jumps to row 30" in failed["v against q"]
+    assert not [note for note in notes if "wrapped" in note]
+
+
+def test_every_constraint_and_the_energy_of_a_log_without_forces_are_judged(tmp_path: Path):
+    scene = SCENES["rolling-disk"].example()
+    assert scene.r > 1
+    write_trajectory(simulate(scene, "kane", 0.5), tmp_path / "a.npz")
+    findings, _, _ = check_recorded(tmp_path / "a.npz", scene)
+    expected = {f"constraint {name}" for name in scene.constraint_names} | {"energy against work"}
+    assert expected <= {x.subject for x in findings}
+
+
 # ---- Free bases ----------------------------------------------------------------------------------
 
 

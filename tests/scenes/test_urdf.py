@@ -139,6 +139,11 @@ DOUBTS = {
         '<origin xyz="0 0 -0.4"/><axis xyz="0 1 1"/>',
         "Axes that are no unit vectors: 'elbow'.",
     ),
+    "short axis": (
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 0.5 0"/>',
+        "Axes that are no unit vectors: 'elbow'.",
+    ),
     "printed axis": (
         '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
         '<origin xyz="0 0 -0.4"/><axis xyz="0 0.7071 -0.707"/>',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,11 +13,12 @@ import pytest
 
 import eomcheck
 from eomcheck import check
-from eomcheck.claims.findings import causes_of, failure_lines, headline
+from eomcheck.claims.findings import Findings, causes_of, failure_lines, headline
 from eomcheck.errors import CallError, InputError
 from eomcheck.lab.fuzzing.failures import functions_named
 from eomcheck.lab.report.equations_output import (
     equations_records,
+    print_checked,
     print_equations,
 )
 from eomcheck.lab.store.validation_runs import stored_findings_in
@@ -353,6 +355,23 @@ def test_the_verdict_counts_claims_that_are_decided(verdicts: str, line: str):
         for i, x in enumerate(verdicts.split())
     ]
     assert headline(findings) == line
+
+
+def test_a_claim_that_fails_in_one_state_has_failed_in_any_order(wrong):
+    failed = next(x for x in wrong if x.follows)
+    passed = replace(failed, verdict="passed", cause="", follows="", observed=0.0)
+    for findings in (Findings([passed, failed]), Findings([failed, passed])):
+        assert (findings.verdict, findings.failures) == ("failed", [failed])
+        assert headline(findings).startswith("1 of 1 claim failed: ")
+
+
+def test_what_is_undecided_is_printed_with_its_reason_and_is_not_among_what_passed(wrong, capsys):
+    passed = next(x for x in wrong if x.verdict == "passed")
+    open_ = replace(passed, claim="open", verdict="inconclusive", detail="digits decide nothing")
+    print_checked("title", [], [passed, open_])
+    printed = capsys.readouterr().out
+    assert f"passed: {passed.claim}\n" in printed
+    assert f"inconclusive: open [{passed.subject}]: digits decide nothing" in printed
 
 
 def test_everything_is_printed_once(wrong, file, capsys):

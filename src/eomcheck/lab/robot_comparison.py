@@ -933,10 +933,10 @@ def _effects(
     values: dict[str, list[tuple[Array, Array]]] = {"M": [], "gravity": [], "acceleration": []}
     for _ in range(examples):
         q, v = random.uniform(-1.0, 1.0, (2, n))
-        q_there, v_there = _moved_back(columns, q), _moved_back(columns, v)
+        back = _moved_back(columns, q), _moved_back(columns, v)
         points = (
             ConformancePoint(Evaluation(first.scene, q, v), tau=np.zeros(n)),
-            ConformancePoint(Evaluation(second.scene, q_there, v_there), tau=np.zeros(n)),
+            ConformancePoint(Evaluation(second.scene, *back), tau=np.zeros(n)),
         )
         for name, value in QUANTITIES.items():
             x, y = (np.asarray(value(point)) for point in points)
