@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
@@ -244,6 +244,14 @@ def _numbers(x: Iterable[float]) -> str:
     return " ".join(repr(float(y)) for y in x)
 
 
+def _changed(texts: Sequence[str], numbers: Sequence[float], size: float) -> list[str]:
+    """Return numbers as text: as in the file where they differ by rounding relative to `size`."""
+    return [
+        text if abs(float(text) - x) <= ROUNDED * size else repr(float(x))
+        for text, x in zip(texts, numbers, strict=True)
+    ]
+
+
 def _mend_urdf(files: list[XmlFile], link: Link) -> None:
     """Replace the inertial of a link of a URDF, along the axes that its `rpy` turns to."""
     (file,) = files
@@ -267,14 +275,20 @@ def _mend_urdf(files: list[XmlFile], link: Link) -> None:
     else:
         turn = [float(x) for x in file.elements[origin].attributes.get("rpy", "0 0 0").split()]
         R = rotation_matrix(roll_pitch_yaw(*turn))
-        file.set(origin, {"xyz": _numbers(link.center)})
+        texts = file.elements[origin].attributes.get("xyz", "0 0 0").split()
+        gyration = float(np.sqrt(np.trace(link.inertia) / link.mass)) if link.mass else 0.0
+        size = max(map(abs, link.center)) + gyration
+        file.set(origin, {"xyz": " ".join(_changed(texts, link.center, size))})
     turned: Array = R.T @ link.inertia @ R
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    entries = {name: repr(float(turned[at])) for name, at in zip(names, places, strict=True)}
-    for tag, values in ("mass", {"value": repr(float(link.mass))}), ("inertia", entries):
+    new = {"mass": {"value": float(link.mass)}}
+    new["inertia"] = {name: float(turned[at]) for name, at in zip(names, places, strict=True)}
+    for tag, values in new.items():
         child = file.child(inertial, tag)
         assert child is not None
-        file.set(child, values)
+        old = [file.elements[child].attributes.get(name, "0") for name in values]
+        texts = _changed(old, [*values.values()], max(map(abs, values.values())))
+        file.set(child, dict(zip(values, texts, strict=True)))
 
 
 ORIENTATIONS = "quat", "axisangle", "xyaxes", "zaxis", "euler"
