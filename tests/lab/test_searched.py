@@ -673,7 +673,7 @@ def test_sketches_of_a_motion_are_six_a_frame_at_equal_times(monkeypatch):
         k = len(output_times) - (of[1] == "el")
         q = np.arange(3.0 * k).reshape(k, 3)
         status = "finished" if of[1] == "kane" else "failed"
-        return SimpleNamespace(status=status, reason="too steep", q=q)
+        return SimpleNamespace(status=status, reason="too steep", q=q, times=output_times)
 
     monkeypatch.setattr("eomcheck.motion.simulate.simulate", simulate)
     monkeypatch.setattr(pictures, "sketch_of", lambda scene, q, t: (q[0], t))
