@@ -33,7 +33,13 @@ from eomcheck.claims.own_coordinates import derivatives_fault, inverse_fault
 from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
-from eomcheck.engines.answers import CORIOLIS_RATE, inertia_size, turning_rate, weight_size
+from eomcheck.engines.answers import (
+    CORIOLIS_RATE,
+    composite_inertia,
+    inertia_size,
+    turning_rate,
+    weight_size,
+)
 from eomcheck.engines.tree_engine import parameters_at_joint
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
@@ -158,13 +164,13 @@ def cancelling_terms(
         if one.name == "inverse_dynamics_derivatives":
             return size
         inverse = largest(point.inverse_mass_matrix)
-        return inverse * (size + about_origin * largest(ours))
+        return inverse * (size + at.cached(composite_inertia) * largest(ours))
     if one.name == "coriolis_matrix":
         return inertia_size(at) + turning * heavy * arm * largest(v)
     if one.name == CORIOLIS_RATE:
         return turning * (largest(at.terms.M) + about_origin)
     if one.name == "inverse_mass_matrix" or one.mapping == "derivatives":
-        return about_origin * largest(ours) ** 2
+        return at.cached(composite_inertia) * largest(ours) ** 2
     return 0.0
 
 

@@ -736,13 +736,31 @@ def _slides(tree: Tree) -> Array:
     return np.array([kind[0] == "p" for kind in tree.joint])
 
 
+def composite_inertia(at: Evaluation) -> float:
+    """Return the sum of all moments of inertia about the world's origin at most, kg m².
+
+    Mass matrices of relative coordinates have entries of this size. Those of absolute ones may be
+    much smaller where the bodies far away are moved by coordinates of their own. 0 without a tree.
+    """
+    tree = at.scene.tree()
+    if tree is None:
+        return 0.0
+    moments = float(np.abs(tree.inertia).max(axis=(1, 2), initial=0.0).sum())
+    return float(tree.mass @ _arms(at, tree) ** 2) + moments
+
+
 def _longest_arm(at: Evaluation, tree: Tree) -> float:
     """Return the largest distance along the tree from the world's origin to a centre of mass, m."""
+    return largest(_arms(at, tree)[tree.mass > 0])
+
+
+def _arms(at: Evaluation, tree: Tree) -> Array:
+    """Return the distances along the tree from the world's origin to the centres of mass, m."""
     reach = np.abs(tree.coordinates @ at.q + tree.shift) * _slides(tree)
     reach += np.linalg.norm(tree.offset, axis=1)
     for j, parent in enumerate(tree.parent):
         reach[j] += reach[parent] if parent >= 0 else 0.0
-    return largest((reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0])
+    return reach + np.linalg.norm(tree.center, axis=1)
 
 
 def represented(
