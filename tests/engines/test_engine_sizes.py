@@ -8,16 +8,18 @@ from tests.engines.planar import planar
 from tests.scenes.test_not_rational import Blade
 
 import eomcheck
+from eomcheck.claims.engine_quantities import own_value
 from eomcheck.claims.finding import Finding
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
 from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, asked_by_default, represents
-from eomcheck.engines.answers import inertia_size, mass_size
+from eomcheck.engines.answers import composite_inertia, inertia_size, mass_size
 from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
-from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake
+from eomcheck.scenes import SCENES, Bricard, ChainPendulum, Sleigh, Snake
 
 EVERY = asked_by_default(ENGINES)
 ENGINES_ALL = {**EVERY, "planar": planar()}
@@ -287,3 +289,38 @@ def test_an_engine_whose_own_formulation_is_refused_is_undecided_and_named():
 
     found = eomcheck.check_state(scene, q, v, engines=[Own], claims=["engine-acceleration"])
     assert found and {one.verdict for one in found} == {"inconclusive"}, found
+
+
+# ---- Inverse mass matrices -----------------------------------------------------------------------
+
+
+def long_at_its_end() -> ChainPendulum:
+    """A chain whose last link is long and heavy: found by MJX in float32."""
+    return ChainPendulum(
+        mass=[8.7, 0.66, 6.6], length=[0.13, 0.33, 5.7], inertia=[0.92, 6.3, 3.7], gravity=0.99
+    )
+
+
+def test_the_composite_inertia_is_that_of_relative_angles():
+    """M of absolute angles has small entries there, and M of relative ones has large ones."""
+    scene = long_at_its_end()
+    for q in ([0.0, 0.0, 0.0], [0.5, 0.3, 1.7]):
+        at = Evaluation(scene, q, [0.0, 0.0, 0.0])
+        T = np.tril(np.ones((3, 3)))
+        relative = largest(T.T @ at.terms.M @ T)
+        assert relative <= composite_inertia(at) <= 1.5 * relative
+        assert composite_inertia(at) > 50 * at.terms.M[0, 0]
+    rod = Evaluation(ChainPendulum(mass=[2.0], length=[3.0], inertia=[0.5]), [0.1], [0.0])
+    assert composite_inertia(rod) == pytest.approx(2.0 * 1.5**2 + 0.5, rel=1e-14)
+
+
+def test_an_inverse_by_relative_angles_in_float32_is_allowed_its_rounding():
+    at = Evaluation(long_at_its_end(), [0.545, 0.289, 1.73], [95.0, 103.0, -88.0])
+    T = np.tril(np.ones((3, 3), np.float32))
+    relative = T.T @ at.terms.M.astype(np.float32) @ T
+    inverse = T @ np.linalg.inv(relative) @ T.T
+    error = largest(inverse - np.linalg.inv(at.terms.M))
+    one, point = QUANTITIES["inverse_mass_matrix"], ConformancePoint(at)
+    value = own_value(at, one, "", lambda e: one.compared(ConformancePoint(e), ""), point)
+    assert 1e-7 < error <= allowed_error(value.sensitivity, 2.0**-24)
+    assert error > 0.1 * allowed_error(value.own, 2.0**-24), "the matrix itself explains less"
