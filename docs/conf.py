@@ -61,7 +61,7 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 
 doctest_test_doctest_blocks = ""
-doctest_path = [str(DOCS / "guides")]
+doctest_path = [str(DOCS / "guides"), str(DOCS / "development")]
 
 html_math_renderer = "mathml"
 html_theme = "furo"
