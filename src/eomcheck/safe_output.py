@@ -13,7 +13,7 @@ import errno
 import io
 import sys
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 ERROR_HANDLER = "eomcheck.names"
@@ -56,6 +56,21 @@ def counted(count: int, what: str) -> str:
     ends_in_consonant_y = what[-1:] == "y" and what[-2:-1] not in "aeiou"
     plural = f"{what[:-1]}ies" if ends_in_consonant_y else f"{what}s"
     return f"{count} {what if count == 1 else plural}"
+
+
+def listed(names: Sequence[str], most: int, noun: str = "", separator: str = ", ") -> str:
+    """Return the first names as a text, and the number of others: "a, b and 2 more".
+
+    Args:
+        names: all names.
+        most: largest number of names that are listed.
+        noun: noun of the others, see `counted`, by default "more".
+        separator: text between two names.
+    """
+    text, others = separator.join(names[:most]), len(names) - most
+    if others <= 0:
+        return text
+    return f"{text} and {counted(others, noun) if noun else f'{others} more'}"
 
 
 def printable(text: str) -> str:

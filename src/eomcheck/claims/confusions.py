@@ -21,6 +21,7 @@ import numpy as np
 from eomcheck.claims.finding import LISTED, Names, entry_name, format_distinct, worst_of
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.generic import EPS, Array
+from eomcheck.safe_output import listed
 
 RowKind = Literal["", "point", "vector", "motion", "acceleration", "force"]
 
@@ -597,8 +598,7 @@ def _scaled_slices(
 
 
 def _listed(kind: str, names: list[str]) -> str:
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names[:LISTED])}{more}"
+    return f"{kind}{'s' if len(names) > 1 else ''} {listed(names, LISTED)}"
 
 
 def diagnose(

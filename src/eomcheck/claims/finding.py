@@ -26,6 +26,7 @@ from eomcheck.evaluation.tolerance import (
 )
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import listed
 
 Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 
@@ -364,8 +365,7 @@ def unresolved_detail(names: Sequence[str], states: int) -> str:
 
 def abbreviated_list(items: Sequence[str]) -> str:
     """Return a text with the first `LISTED` items, and the number of others."""
-    more = f" and {len(items) - LISTED} more" if len(items) > LISTED else ""
-    return f"{'; '.join(items[:LISTED])}{more}"
+    return listed(items, LISTED, separator="; ")
 
 
 def is_unresolved_detail(detail: str) -> bool:

@@ -11,7 +11,7 @@ from html import escape
 from typing import Any
 
 from eomcheck.claims.finding import DECIDED, Finding, Verdict, worst
-from eomcheck.safe_output import counted
+from eomcheck.safe_output import counted, listed
 
 INDENT = "     "
 """Indentation of the lines below the first one of a failure."""
@@ -64,7 +64,7 @@ class Findings(list[Finding]):
             yield from list(failure_lines(*groups[0]))[:FAILURE_LINES]
         if groups[1:]:
             others = dict.fromkeys(f"{cause_name(x[0])} ({x[0].claim})" for x in groups[1:])
-            yield f"and {counted(len(others), 'further failure')}: {_listed(others)}"
+            yield f"and {counted(len(others), 'further failure')}: {listed([*others], SHOWN)}"
         yield from _undecided_lines(self.undecided)
         if groups:
             yield "code that reproduces the first failure: print(result.as_python())"
@@ -91,14 +91,7 @@ def _undecided_lines(findings: Sequence[Finding]) -> Iterator[str]:
         yield f"{one.verdict}: {one.claim} [{one.subject}]: {one.detail}"
     others = dict.fromkeys(claim for _, claim in [*reasons][1:])
     if others:
-        yield f"undecided too: {_listed(others)}"
-
-
-def _listed(names: Iterable[str]) -> str:
-    """Return the first names of a list, and the number of the others."""
-    names = list(names)
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+        yield f"undecided too: {listed([*others], SHOWN)}"
 
 
 def _shortened(line: str) -> str:

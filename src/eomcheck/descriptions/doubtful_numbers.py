@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.safe_output import counted
+from eomcheck.safe_output import listed
 
 TOUCHING = 1e-9
 """Relative tolerance of the triangle inequality: a plate's largest moment is the sum of the
@@ -28,10 +28,7 @@ MOST_NAMES = 5
 
 def _named(names: Iterable[str]) -> str:
     """Return names as a list, the first `MOST_NAMES` of them."""
-    names = list(names)
-    more = len(names) - MOST_NAMES
-    listed = ", ".join(map(repr, names[:MOST_NAMES]))
-    return listed + (f" and {counted(more, 'other')}" if more > 0 else "")
+    return listed([*map(repr, names)], MOST_NAMES, "other")
 
 
 # ---- Inertia -------------------------------------------------------------------------------------

@@ -231,6 +231,11 @@ class RigidBody(NamedTuple):
     """Inertia about its centre of mass (3, 3), kg m²."""
 
 
+def point_inertia(mass: float, r: Array) -> Array:
+    """Return the moment of inertia (3, 3) of a mass at r (3,) about the origin, kg m²."""
+    return mass * (r @ r * np.eye(3) - np.outer(r, r))
+
+
 def merged_body(bodies: list[RigidBody]) -> RigidBody:
     """Return one body merged from several that are fixed to each other."""
     if len(bodies) == 1:
@@ -240,8 +245,7 @@ def merged_body(bodies: list[RigidBody]) -> RigidBody:
     for body in bodies:
         center += body.mass / (mass or 1.0) * body.center
     for body in bodies:
-        away = body.center - center
-        inertia += body.inertia + body.mass * (away @ away * np.eye(3) - np.outer(away, away))
+        inertia += body.inertia + point_inertia(body.mass, body.center - center)
     return RigidBody(mass, center, inertia)
 
 

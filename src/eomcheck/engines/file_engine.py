@@ -36,6 +36,7 @@ from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import listed
 
 # ---- Free base -----------------------------------------------------------------------------------
 
@@ -311,7 +312,7 @@ def _heavy(link: Link) -> bool:
 def few(names: Iterable[str]) -> str:
     """Return at most three names and the number of others, as text."""
     names = sorted(names) if isinstance(names, Set) else list(names)
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    return listed(names, 3)
 
 
 # ---- Engines -------------------------------------------------------------------------------------

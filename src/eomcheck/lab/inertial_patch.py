@@ -17,7 +17,7 @@ from xml.parsers import expat
 import numpy as np
 
 from eomcheck.descriptions.elements import Link
-from eomcheck.descriptions.joint_tree import ROUNDED, RigidBody, merged_body
+from eomcheck.descriptions.joint_tree import ROUNDED, RigidBody, merged_body, point_inertia
 from eomcheck.descriptions.mjcf_reader import included_files, read_mjcf
 from eomcheck.descriptions.urdf_reader import Robot, read_urdf
 from eomcheck.descriptions.vector_algebra import roll_pitch_yaw, rotation_matrix
@@ -49,7 +49,8 @@ def inertial_patch(first: Scene, second: Scene, comparison: RobotComparison) -> 
         raise InputError(f"{second.name} has no file to patch")
     differ = {x.where for x in comparison.differences if x.what in BODY}
     pairs = [pair for pair in body_pairs(first, second, comparison) if pair.name in differ]
-    links = [mended_link(pair, file_and_robot(first)[1], robot) for pair in pairs]
+    _, right = file_and_robot(first)
+    links = [mended_link(pair, right, robot) for pair in pairs]
     is_urdf = robot.compiled is None
     files = [XmlFile(path) for path in ([file] if is_urdf else included_files(file))]
     for link in links:
@@ -114,11 +115,9 @@ def _without(whole: RigidBody, parts: list[RigidBody]) -> RigidBody | None:
         return None
     center = (whole.mass * whole.center - part.mass * part.center) / mass
     # Of the parts together, about their common centre of mass, by Steiner.
-    shifts = (center, mass), (part.center, part.mass)
     inertia = whole.inertia - part.inertia
-    for point, m in shifts:
-        away = point - whole.center
-        inertia = inertia - m * (away @ away * np.eye(3) - np.outer(away, away))
+    for point, m in (center, mass), (part.center, part.mass):
+        inertia = inertia - point_inertia(m, point - whole.center)
     least = float(np.linalg.eigvalsh(inertia)[0])
     possible = least >= -ROUNDED * float(np.abs(whole.inertia).max())
     return RigidBody(mass, center, inertia) if possible else None

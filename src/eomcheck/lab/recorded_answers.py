@@ -67,7 +67,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.batch_arrays import BatchArray, batch_data, of_each
 from eomcheck.numbers.generic import EPS, Array
-from eomcheck.safe_output import counted
+from eomcheck.safe_output import counted, listed
 
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -913,8 +913,7 @@ def judge_group(
         names = [
             entry_name(index, columns.names) for index in zip(*np.nonzero(hidden), strict=True)
         ]
-        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
-        detail = f"{shown or 'value'} cannot be told with the digits that are printed"
+        detail = f"{listed(names, 4) or 'value'} cannot be told with the digits that are printed"
         yield Finding(*about, state, *numbers, "inconclusive", evidence, detail)
 
 

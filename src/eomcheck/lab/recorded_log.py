@@ -47,6 +47,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.batch_arrays import batch_data
 from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import listed
 
 LOG_CLAIM = "recorded-log"
 """Id of the claim: a recorded motion is one of the scene, to its printed digits and its steps."""
@@ -570,8 +571,7 @@ def unit_of(sides: Sequence[tuple[int, Array, Array, Array]]) -> str:
 
 
 def _few(names: Sequence[str], which: Sequence[int]) -> str:
-    shown = ", ".join(names[k] for k in which[:4])
-    return shown + (f" and {len(which) - 4} more" if len(which) > 4 else "")
+    return listed([names[k] for k in which], 4)
 
 
 def _worst(error: Array, allowed: Array, columns: Sequence[int]) -> tuple[int, int]:
@@ -860,15 +860,15 @@ class EquationsCheck(NamedTuple):
         error: their errors (k, n).
         first_order: changes (k, n) of the forces within a step; of M a too, if accelerations are
             differences of v, which lie half a step beside those of many integrators.
-        inertia: |M a| (k, n): of a motion without applied forces it shows what is resolved.
         judged: row -> the row with its allowed errors, of some rows.
+        inertia: |M a| (n,) of these rows: without applied forces it shows what is resolved.
     """
 
     expected: Array
     error: Array
     first_order: Array
-    inertia: Array
     judged: dict[int, JudgedRow]
+    inertia: dict[int, Array]
 
 
 def _rows_at(motion: RecordedMotion, a: Array, rows: Array, state: int = 0) -> list[RecordedRow]:
@@ -929,7 +929,6 @@ def compare_equations(
         later = _expected_forces(motion, np.roll(a, -1, axis=0), rows[:-1])
         changes = np.maximum(changes, np.abs(later - expected[:-1]))
     first_order = largest_around(_on_rows(changes), 1)
-    inertia = np.abs(expected - _expected_forces(motion, np.zeros_like(a), rows))
     size = np.abs(expected).max(axis=1, initial=0.0)[:, None]
     noise = motion.tau_error + allowed_error(1.0, motion.unit_roundoff) * size
     least = np.finfo(float).tiny
@@ -942,14 +941,16 @@ def compare_equations(
     columns = AnswerColumns(EQUATIONS, "", (n,), (names,), entries, entries, EXACT, EQUATIONS)
     group = ScreenedGroup(columns, motion.scene, motion.unit_roundoff)
     layout = TableLayout({}, None, ())
-    judged = {}
-    for k in sorted(chosen):
+    some = np.array(sorted(chosen))
+    sizes = np.abs(expected[some] - _expected_forces(motion, np.zeros_like(a), some))
+    judged, inertia = {}, dict(zip(some.tolist(), sizes, strict=True))
+    for k in inertia:
         before = _rows_at(motion, a, np.array([k - 1]))[0] if k else None
         one = judge_row(group, _rows_at(motion, a, np.array([k]))[0], before, layout)
         allowed = one.allowed + _force_error(motion, a, a_error, k)
         resolved = np.maximum(np.abs(one.expected), inertia[k]) > 2.0 * allowed
         judged[k] = one._replace(allowed=allowed, resolved=resolved)
-    return EquationsCheck(expected, error, first_order, inertia, judged), columns
+    return EquationsCheck(expected, error, first_order, judged, inertia), columns
 
 
 def _row_alignment(motion: RecordedMotion, a: Array, check: EquationsCheck) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from eomcheck.claims.confusions import agreement_within, scaling
 from eomcheck.descriptions.doubtful_numbers import FEWEST_DIGITS
-from eomcheck.descriptions.joint_tree import RigidBody
+from eomcheck.descriptions.joint_tree import RigidBody, point_inertia
 from eomcheck.descriptions.mjcf_reader import MJCF, included_files
 from eomcheck.descriptions.urdf_reader import URDF, Element, root_of
 from eomcheck.descriptions.vector_algebra import rotation_matrix
@@ -34,7 +34,7 @@ from eomcheck.lab.show.table import say, write_json
 from eomcheck.mechanics.records import Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS, Array
-from eomcheck.safe_output import counted
+from eomcheck.safe_output import counted, listed
 
 FAR_OFF = 10.0
 """Misfit, over the closeness of numbers, that decides between placements before smaller ones do:
@@ -61,8 +61,8 @@ PLACEMENT = frozenset(
         "axis",
         "ref",
         "springref",
+        "fromto",
     }
-    | {"fromto"}
 )
 """Attributes of other elements that place something."""
 
@@ -225,9 +225,7 @@ class _Side:
     def links(self, j: int) -> str:
         """Return the names of the links that a joint carries, the first `MOST_LINKS` of them."""
         names = [frame.name for frame in self.tree.frames if frame.joint == j]
-        more = len(names) - MOST_LINKS
-        listed = ", ".join(names[:MOST_LINKS])
-        return listed + (f" and {counted(more, 'other')}" if more > 0 else "")
+        return listed(names, MOST_LINKS, "other")
 
     def frame(self, j: int) -> tuple[Array, Array, str]:
         """Return axes, origin and name of the first link that a joint carries, or of the joint."""
@@ -769,8 +767,7 @@ def _inertia_confusion(
         if frame.joint == k
     }
     for name, point in points.items():
-        d = center - point
-        moved = mass * (d @ d * np.eye(3) - np.outer(d, d))
+        moved = point_inertia(mass, center - point)
         if largest(ours + moved - theirs) <= near and largest(moved) > near:
             return f"about {name}, not about the center of mass"
         if largest(ours - moved - theirs) <= near and largest(moved) > near:

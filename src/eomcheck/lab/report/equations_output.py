@@ -45,6 +45,13 @@ def print_passed(names: Iterable[str]) -> None:
         console.print(f"\npassed: {text}", markup=False, highlight=False)
 
 
+def print_verdict(findings: Sequence[Any], counts: str = "claim") -> None:
+    """Print the sentence of `headline`: red where something failed, green where all passed."""
+    style = {"failed": "bold red", "passed": "bold green"}
+    verdicts = {one.verdict for one in findings}
+    say(headline(findings, counts), next((style[x] for x in style if x in verdicts), ""))
+
+
 def print_failure(first: Any, *following: Any) -> None:
     """Print the block of lines on a failure, see `failure_lines`."""
     head, *lines = failure_lines(first, *following)
@@ -65,11 +72,10 @@ def print_checked(
         findings: Findings about it.
         counts: see `headline`.
     """
-    failed = any(one.verdict == "failed" for one in findings)
     say(f"eomcheck {__version__}, {title}")
     for note in notes:
         say(note)
-    say(headline(findings, counts), "bold red" if failed else "bold green")
+    print_verdict(findings, counts)
     groups = causes_of(findings)
     for group in groups:
         print_failure(*group)

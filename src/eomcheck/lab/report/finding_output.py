@@ -17,7 +17,7 @@ from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.findings import INDENT, headline
+from eomcheck.claims.findings import INDENT
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import console
 from eomcheck.draws.fuzz_cases import FAMILIES
@@ -29,7 +29,7 @@ from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.state_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.report.equations_output import print_failure, print_passed
+from eomcheck.lab.report.equations_output import print_failure, print_passed, print_verdict
 from eomcheck.lab.report.overview import (
     ClaimSummary,
     by_claim,
@@ -66,9 +66,7 @@ def print_runs(
     said = f"{counted(states, 'state')}, {counted(len(rows), 'finding')}"
     scenes = next(iter(runs)) if len(runs) == 1 else counted(len(runs), "scene")
     say(f"eomcheck {__version__}, {scenes}, {engines}, {said}")
-    failed = any(row.verdict == "failed" for row in rows)
-    passed = any(row.verdict == "passed" for row in rows)
-    say(headline(rows), "bold red" if failed else "bold green" if passed else "")
+    print_verdict(rows)
     claims = by_claim(rows)
     print_failures(claims)
     print_unresolved(claims)
