@@ -213,7 +213,7 @@ def test_an_old_option_is_read_as_the_new_one(command: str, old: str, new: str, 
     given = [*words, "first", f"{old}=3", old, "x", "--", old]
     expected = [*words, "first", f"{new}=3", new, "x", "--", old]
     assert deprecated.current_options(given) == expected
-    notice = f"eomcheck: {old} is now {new}; the old name is removed in the next release\n"
+    notice = f"eomcheck: {old} is now {new}; the old name is removed in 0.4\n"
     assert capsys.readouterr() == ("", 2 * notice)
     options = {option for parameter in command_at(words).params for option in parameter.opts}
     assert new in options and old not in options

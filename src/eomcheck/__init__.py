@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from eomcheck import deprecated
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 if TYPE_CHECKING:
     from eomcheck import scenes, strategies, testing

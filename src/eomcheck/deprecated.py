@@ -1,4 +1,4 @@
-"""Deprecated names of the public interface: each works for one more release, and warns.
+"""Deprecated names of the public interface: each works in 0.3, and warns.
 
 Tables of old and new names, one for each sort of name, and one helper for each table. An entry is
 removed in the release after the one in which its name changed.
@@ -58,7 +58,7 @@ MODULES = {
 """
 
 
-REMOVED = "the old name is removed in the next release"
+REMOVED = "the old name is removed in 0.4"
 
 
 def _notice(old: str, new: str) -> str:
