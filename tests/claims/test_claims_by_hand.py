@@ -16,12 +16,22 @@ from eomcheck.claims import CLAIMS, Finding, State, accelerations, run, user_sce
 from eomcheck.claims.accelerations import redundant_rows
 from eomcheck.claims.case import ONCE
 from eomcheck.claims.registry import Comparison, Skipped
-from eomcheck.claims.run import TRIES, evaluate_claim, no_larger, smallest_failure, states_of
+from eomcheck.claims.run import (
+    TRIES,
+    cause_of,
+    diagnosis_of,
+    evaluate_claim,
+    no_larger,
+    smallest_failure,
+    states_of,
+)
 from eomcheck.claims.user_scenes import scene_function_that_raised
 from eomcheck.errors import CallError, RefusedError
+from eomcheck.lab.fuzzing.motion_comparison import END_STATES
 from eomcheck.scenes import Sleigh, Snake
 
 SLEIGH = Sleigh.example()
+ENGINE = next(one for one in CLAIMS if CLAIMS[one].asks)
 
 
 def at(k: float) -> State:
@@ -99,6 +109,65 @@ def test_a_failure_stays_where_none_is_found_or_no_case_can_be_drawn(judged):
     assert 0 < len(judged) <= TRIES == 50
     none = few.filter(lambda case: case[1].q[0] > 20)
     assert smallest_failure(failed, none, selection, 0) is failed  # type: ignore[arg-type]
+
+
+def test_a_smaller_failure_has_the_formulations_and_the_diagnosis_of_the_first(monkeypatch):
+    """Numbers in a diagnosis and its row may differ."""
+    details = {
+        0: "bias, row x: half the expected value",
+        10: "bias, row x: 1.5, expected 2",
+        20: "bias, row y: wrong sign (every row)",
+    }
+
+    def of(asked: Any, case: Any, claim: Any) -> list[Finding]:
+        k = case.q[0]
+        detail = next(text for least, text in reversed(details.items()) if k >= least)
+        return [finding(k=k, subject="em" if k < 5 else "au", detail=detail)]
+
+    monkeypatch.setattr(run, "make_scene_engines", lambda scene, selection: None)
+    monkeypatch.setattr(run, "make_case", lambda asked, state, selection, again: state)
+    monkeypatch.setattr(run, "evaluate_claim", of)
+    cases = st.integers(0, 100).map(lambda k: (SLEIGH, at(k)))
+    selection: Any = "selection"
+    for detail, least in (
+        ("bias, row z: wrong sign", 20),
+        ("bias, row z: -3.25e-07, expected 4", 10),
+        ("bias, row x: half the expected value", 5),
+        ("bias: transposed", 99),
+    ):
+        failed = finding(detail=detail)
+        small = smallest_failure(failed, cases, selection, 0)
+        assert small.state is not None and small.state.q[0] == least, detail
+
+
+@pytest.mark.parametrize(
+    ("claim", "subject", "cause"),
+    [
+        ("equivalence", "em ~ au", ["au", "em"]),
+        ("kane-ml-mass", "kane: ml", ["kane", "ml"]),
+        (ENGINE, "casadi ~ au", ["casadi"]),
+        (ENGINE, "gw ~ mujoco", ["mujoco"]),
+        (END_STATES, "em", ["em"]),
+        ("bias-of-mass-matrix", "bias", ["bias"]),
+    ],
+)
+def test_causes_are_formulations_or_the_engine_alone(claim, subject, cause):
+    assert cause_of(finding(claim=claim, subject=subject)) == cause
+
+
+@pytest.mark.parametrize(
+    ("detail", "diagnosis"),
+    [
+        ("bias, row θ_1: wrong sign", "wrong sign"),
+        ("bias, row θ_1: wrong sign (every row)", "wrong sign"),
+        ("bias: row x: half the expected value", "half the expected value"),
+        ("bias, row θ_1: got 1.25, expected 1.5", ""),
+        ("no numbers at all", ""),
+        ("", ""),
+    ],
+)
+def test_a_diagnosis_is_what_is_wrong_without_numbers_and_rows(detail, diagnosis):
+    assert diagnosis_of(finding(detail=detail)) == diagnosis
 
 
 # ---- Which function raised -----------------------------------------------------------------------

@@ -41,8 +41,6 @@ from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     FailureRecord,
-    cause_of,
-    diagnosis_of,
     failure_record,
     first_of_each_cause,
     read_failures,
@@ -59,6 +57,7 @@ from eomcheck.mechanics.records import Range, State
 from eomcheck.scene_lookup import lookup_name
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import EquationsOfMotion
+from eomcheck.testing.function_checks import check_functions_at
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.2137, offset=-0.37)
 AT = State(np.array([0.1, -2.0, 0.7345]), np.zeros(3), 0.0)
@@ -416,52 +415,39 @@ def test_what_is_made_round_keeps_the_constraints():
     assert len(seen) > 10
 
 
-def test_what_is_made_small_is_of_the_same_formulations(monkeypatch):
+def test_failures_are_made_small_by_the_seed_and_those_of_engines_are_not(monkeypatch):
     asked: list = []
     monkeypatch.setattr(failures, "simplify_numbers", lambda finding, look: finding)
     pair = failure("equivalence", "au ~ em")
-    for found, expected in (("em ~ im", pair), ("au ~ em", None), ("em ~ au", pair)):
-        other = replace(pair, subject=found, observed=7.0)
-        monkeypatch.setattr(
-            failures, "smallest_failure", lambda *given, x=other: asked.append(given[3]) or x
-        )
-        assert shrink(pair, ("au", "em", "im"), 5) is (other if expected is None else expected)
-    assert asked == [5, 5, 5]
+    other = replace(pair, observed=7.0)
+    monkeypatch.setattr(failures, "smallest_failure", lambda *given: asked.append(given) or other)
+    assert shrink(pair, ("au", "em", "im"), 5) is other
+    assert [(given[0], given[3]) for given in asked] == [(pair, 5)]
     engine = failure(ENGINE, "casadi")
-    assert shrink(engine, ("au",)) is engine and len(asked) == 3
+    assert shrink(engine, ("au",)) is engine and len(asked) == 1
 
 
-# ---- Finds told apart ----------------------------------------------------------------------------
+def test_fuzz_ends_at_a_smaller_state_with_the_diagnosis_of_the_first_one(monkeypatch):
+    """The bias has the wrong sign where q_0 > 0.3, and is half elsewhere, also at q_0 = 0."""
+
+    def M(q):
+        return [[3 + np.cos(q[1]), 1.0], [1.0, 2.0]]
+
+    def bias(q, v):
+        true = np.sin(q[1]) * np.array([-v[0] * v[1], v[0] ** 2 / 2])
+        return -true if q[0] > 0.3 else true / 2
+
+    functions = EquationsOfMotion(2, M=M, bias=bias)
+    state = State(np.array([0.73, 0.41]), np.array([0.9, -0.37]))
+    (first,) = check_functions_at(functions, state, ["bias-of-mass-matrix"])
+    monkeypatch.setattr(fuzzed, "functions_named", lambda name: functions)
+    small = FunctionsPlan("a file", 0, ("bias-of-mass-matrix",)).shrunk(first, [])
+    assert small.state is not None and small.state.q[0] == 1.0  # not 0
+    assert first.detail.endswith(": wrong sign (every row)")
+    assert small.detail.endswith(": wrong sign (every row)")
 
 
-@pytest.mark.parametrize(
-    ("claim", "subject", "cause"),
-    [
-        ("equivalence", "em ~ au", ["au", "em"]),
-        ("kane-ml-mass", "kane: ml", ["kane", "ml"]),
-        (ENGINE, "casadi ~ au", ["casadi"]),
-        (ENGINE, "gw ~ mujoco", ["mujoco"]),
-        (END_STATES, "em", ["em"]),
-        ("bias-of-mass-matrix", "bias", ["bias"]),
-    ],
-)
-def test_causes_are_formulations_or_the_engine_alone(claim, subject, cause):
-    assert cause_of(failure(claim, subject)) == cause
-
-
-@pytest.mark.parametrize(
-    ("detail", "diagnosis"),
-    [
-        ("bias, row θ_1: wrong sign", "wrong sign"),
-        ("bias, row θ_1: wrong sign (every row)", "wrong sign"),
-        ("bias: row x: half the expected value", "half the expected value"),
-        ("bias, row θ_1: got 1.25, expected 1.5", ""),
-        ("no numbers at all", ""),
-        ("", ""),
-    ],
-)
-def test_a_diagnosis_is_what_is_wrong_without_numbers_and_rows(detail, diagnosis):
-    assert diagnosis_of(failure(detail=detail)) == diagnosis
+# ---- Finds ---------------------------------------------------------------------------------------
 
 
 def test_a_find_has_all_numbers_of_its_failure_in_their_places():
@@ -631,7 +617,7 @@ def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(mo
 
 def test_a_candidate_whose_check_raises_is_judged_by_no_other_s_failures():
     def named(name: str) -> Any:
-        return SimpleNamespace(name=name, claim="bias", subject="B", verdict="failed")
+        return SimpleNamespace(name=name, claim="bias", subject="B", detail="", verdict="failed")
 
     first, bad, better, best = map(named, ("first", "bad", "better", "best"))
 

@@ -13,6 +13,7 @@ library leaves out are skipped with the reason.
 
 from __future__ import annotations
 
+import re
 import time
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -32,6 +33,7 @@ from eomcheck.claims import CLAIMS, State
 from eomcheck.claims.case import OFTEN, ONCE, Case, skipped_finding
 from eomcheck.claims.finding import (
     DECIDED,
+    EVERY_ROW,
     Finding,
     skipped_everywhere,
     unresolved_by_claim,
@@ -61,7 +63,7 @@ from eomcheck.engines import (
 from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import CONSISTENT_HINT, check_consistent
-from eomcheck.formulations import Formulation, formulations_among
+from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.scenes import Snake
 
@@ -248,6 +250,50 @@ def states_of(scene: Scene) -> SearchStrategy[tuple[Scene, State]]:
     return strategies.states(scene).map(lambda state: (scene, state))
 
 
+def cause_of(one: Any) -> list[str]:
+    """Return the words of a subject that identify a cause: formulations, or the engine alone.
+
+    Args:
+        one: a failed `Finding`, or a stored one.
+    """
+    words = one.subject.replace("~", " ").replace(":", " ").split()
+    if one.claim in CLAIMS and CLAIMS[one.claim].asks:
+        words = [word for word in words if word not in FORMULATIONS]
+    return sorted(words)
+
+
+def sides_of(one: Any) -> list[str]:
+    """Return the sides of a subject such as "au ~ im", sorted."""
+    return sorted(one.subject.split(" ~ "))
+
+
+def diagnosis_of(one: Any) -> str:
+    """Return the diagnosis in a detail, by which causes differ; "" if none or one with numbers."""
+    diagnosis = _end_of_detail(one)
+    return "" if any(c.isdigit() for c in diagnosis) else diagnosis
+
+
+def _end_of_detail(one: Any) -> str:
+    """Return the text behind the place in a detail: "wrong sign", "2.5, expected 2"; else ""."""
+    end = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
+    return end.removesuffix(EVERY_ROW)  # every row that does not vanish in this state
+
+
+NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+
+
+def is_same_failure(one: Finding, other: Finding) -> bool:
+    """Return whether a finding fails as another does: claim, sides, and diagnosis but for numbers.
+
+    A smaller state may show another mistake of the same claim; it is no smaller counterexample.
+    """
+
+    def kind(x: Finding) -> tuple[str, list[str], str]:
+        return x.claim, sides_of(x), NUMBER.sub("#", _end_of_detail(x))
+
+    return one.verdict == "failed" and kind(one) == kind(other)
+
+
 class _Falsified(AssertionError):
     def __init__(self, finding: Finding):
         self.finding = finding
@@ -260,7 +306,7 @@ def smallest_failure(
     selection: RunSelection,
     seed: int,
 ) -> Finding:
-    """Return the smallest counterexample of the same claim among `cases`, or `failed` itself.
+    """Return the smallest counterexample among `cases` that fails as `failed` does, or itself.
 
     Args:
         failed: a failure.
@@ -273,7 +319,7 @@ def smallest_failure(
         scene_engines = make_scene_engines(drawn[0], selection)
         case = make_case(scene_engines, drawn[1], selection, ONCE)
         for finding in evaluate_claim(scene_engines, case, CLAIMS[failed.claim]):
-            if finding.verdict == "failed":
+            if is_same_failure(finding, failed):
                 raise _Falsified(finding)
 
     settings = hypothesis.settings(

@@ -24,13 +24,12 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged
+from eomcheck.claims.run import cause_of, diagnosis_of
 from eomcheck.deprecated import current
 from eomcheck.draws.fuzz_cases import FuzzCase, StructuralVariant
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
-    cause_of,
-    diagnosis_of,
     failure_record,
     fuzz_case,
     parameters_of,

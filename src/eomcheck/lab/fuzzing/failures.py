@@ -22,9 +22,17 @@ import numpy as np
 from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.calls import is_ours
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.finding import EVERY_ROW, comparison_text, worst
+from eomcheck.claims.finding import comparison_text, worst
 from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
-from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
+from eomcheck.claims.run import (
+    RunSelection,
+    cause_of,
+    diagnosis_of,
+    is_same_failure,
+    no_larger,
+    sides_of,
+    smallest_failure,
+)
 from eomcheck.claims.user_scenes import failing_function
 from eomcheck.class_lookup import home_of_code, location_of
 from eomcheck.descriptions.elements import Constraint, Joint, Link
@@ -47,7 +55,6 @@ from eomcheck.lab.fuzzing.screening import (
     check_case,
     diagnose_failure,
     failed_findings,
-    formulations_about,
     keys_in_subject,
 )
 from eomcheck.lab.store.validation_runs import check_types
@@ -238,21 +245,6 @@ class FailureRecord:
         return f"{self.claim}, {self.subject}: {how}; {self.whose} ({self.evidence})"
 
 
-def cause_of(one: FailureRecord | Finding) -> list[str]:
-    """Return the words of a subject that identify a cause: formulations, or the engine alone."""
-    words = one.subject.replace("~", " ").replace(":", " ").split()
-    if one.claim in CLAIMS and CLAIMS[one.claim].asks:
-        words = [word for word in words if word not in FORMULATIONS]
-    return sorted(words)
-
-
-def diagnosis_of(one: FailureRecord | Finding) -> str:
-    """Return the diagnosis in a detail, by which causes differ; "" if none or one with numbers."""
-    diagnosis = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
-    diagnosis = diagnosis.removesuffix(EVERY_ROW)  # every row that does not vanish in this state
-    return "" if any(c.isdigit() for c in diagnosis) else diagnosis
-
-
 def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) -> FailureRecord:
     """Return the record of a failed finding.
 
@@ -363,7 +355,7 @@ def simplify(
     check: Callable[[F], Sequence[F]],
     most: int = MOST_TRIES,
 ) -> F:
-    """Return a failure of the same claim about the same subject, simplified greedily.
+    """Return a failure simplified greedily, which fails in the same way (`is_same_failure`).
 
     Args:
         finding: the failure.
@@ -386,12 +378,6 @@ def simplify(
                 finding = smaller
                 break
     return finding
-
-
-def is_same_failure(one: Finding, other: Finding) -> bool:
-    """Return whether a finding fails by the claim and about the subject of another."""
-    same = (one.claim, one.subject) == (other.claim, other.subject)
-    return same and one.verdict == "failed"
 
 
 def simplify_numbers(finding: F, check: Callable[[F], Sequence[F]], most: int = MOST_TRIES) -> F:
@@ -455,8 +441,7 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
         return finding
     selection = RunSelection.of(formulations, [], [finding.claim], scenes=[type(scene)])
     links = (1, getattr(scene, "links", 1))
-    smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
-    finding = smaller if formulations_about(smaller) == formulations_about(finding) else finding
+    finding = smallest_failure(finding, no_larger(scene, links), selection, seed)
 
     def failures(candidate: Finding) -> list[Finding]:
         assert candidate.state is not None
@@ -467,11 +452,11 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
 
 
 def alike(failed: Finding, case: FuzzCase, formulations: Sequence[str]) -> list[Finding]:
-    """Return the failures of the same claim and cause at another case."""
+    """Return the failures at another case that are the same, see `is_same_failure`."""
     if CLAIMS[failed.claim].asks:
         return []
     failures = failed_findings(case, [failed.claim], formulations)
-    return [one for one in failures if cause_of(one) == cause_of(failed)]
+    return [one for one in failures if is_same_failure(one, failed)]
 
 
 # ---- Replay --------------------------------------------------------------------------------------
@@ -558,7 +543,7 @@ def _findings(
     scene, state = one.case
 
     def same(finding: Finding) -> bool:
-        return finding.claim == one.claim and _sides(finding) == _sides(one)
+        return finding.claim == one.claim and sides_of(finding) == sides_of(one)
 
     if isinstance(scene, EquationsOfMotion):
         claims = _claims(one, FUNCTION_CLAIMS)
@@ -571,11 +556,6 @@ def _findings(
     engines = [one.engine] if one.engine else engines
     # Any failure of the claim counts: a fault may appear in another subject now.
     return check_case((scene, state), claims, formulations, engines), lambda finding: True
-
-
-def _sides(one: FailureRecord | Finding) -> list[str]:
-    """Return the sides of a subject such as "au ~ im", sorted."""
-    return sorted(one.subject.split(" ~ "))
 
 
 def _claims(one: FailureRecord, known: Collection[str]) -> list[str]:
@@ -591,7 +571,7 @@ def _undecided(
     about = [
         x
         for x in findings
-        if one.claim in ("", x.claim) and (not one.subject or _sides(x) == _sides(one))
+        if one.claim in ("", x.claim) and (not one.subject or sides_of(x) == sides_of(one))
     ]
     if not about:
         absent = [x for x in keys_in_subject(one.subject, FORMULATIONS) if x not in formulations]

@@ -16,6 +16,7 @@ from itertools import chain
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.claims.run import is_same_failure
 from eomcheck.draws.fuzz_cases import (
     ORDINARY,
     SPECIAL,
@@ -31,7 +32,6 @@ from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.lab.fuzzing.campaign import CampaignPlan, DrawnCases, Population, RoundResult
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
-    is_same_failure,
     simplify,
     simplify_numbers,
 )
