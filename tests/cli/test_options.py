@@ -498,6 +498,7 @@ CASES: dict[str, dict[str, Case]] = {
         ),
         "isolated": ("--isolated", {"compare_libraries.isolated": True}),
         "pairs": ("--pairs", {"print_comparison.pairs": True}),
+        "wide": ("--wide", {"print_comparison.wide": True}),
         "json": ("--json a.json", {"write_comparison.path": "a.json"}),
     },
     "draw scene": {

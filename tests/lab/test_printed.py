@@ -16,6 +16,7 @@ from tests.lab.test_tables import kept, run_of, shown, table
 from tests.reports import running_differences
 
 from eomcheck import __version__
+from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import Finding, Unresolved
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
@@ -475,12 +476,15 @@ def compared() -> LibraryComparison:
 
 def test_what_is_said_of_libraries_has_every_reason_count_and_name():
     found = compared()
-    assert list(library_comparison.sentences(found)) == [
+    assert library_comparison.headline(found) == "1 of 2 libraries differs: one"
+    assert list(library_comparison.differences_in_words(found)) == [
         "One 1.0 differs: row x is 2 times; row y has a sign. Why: leaves out the damping; has an "
         "armature.",
-        "    It said: line 0 / line 1 / line 2 / line 3 (and 3 lines more)",
-        "Two 2.0: bias is not resolved in any of 5 states: two, row x",
+        "    Its message: line 0 / line 1 / line 2 / line 3 (and 3 lines more)",
         library_comparison.NOBODY,
+    ]
+    assert list(library_comparison.limits_in_words(found)) == [
+        "Two 2.0: bias is not resolved in any of 5 states: two, row x",
         "q̈ of one, two: inconclusive in 4 of 5 states, rounding explains any difference there",
         "q̈ is not compared in 3 of 5 states: singular",
         "three gave no answer: cannot",
@@ -492,9 +496,48 @@ def test_what_is_said_of_libraries_has_every_reason_count_and_name():
         finding(state, "failed", observed=4.0, detail="more"),
     ]
     del found.libraries["one"].messages[4:]
-    said = list(library_comparison.sentences(found))
+    said = list(library_comparison.differences_in_words(found))
     assert said[1].endswith("line 3")
-    assert said[3] == "The two derivations of eomcheck differ from each other: most"
+    assert said[2] == "The two derivations of eomcheck differ from each other: most"
+
+
+def test_the_verdict_on_libraries_groups_those_that_differ_by_reason(capsys):
+    found = compared()
+    for key in "abc":
+        found.libraries[key] = LibraryResult(key, key.upper(), faults={"M": "raises"})
+    found.libraries["c"].explanations = found.libraries["b"].explanations = [
+        Explanation("leaves out the damping", "no damping")
+    ]
+    assert (
+        library_comparison.headline(found)
+        == ("4 of 5 libraries differ: one; a (no M); b, c (no M, no damping)")
+        or library_comparison.headline(found)
+        == "4 of 5 libraries differ: one, a; b, c (no damping)"
+    )
+    library_comparison.print_comparison(found)
+    assert capsys.readouterr().out.splitlines()[0] == library_comparison.headline(found)
+    only_ours = LibraryComparison(SLEIGH, {"a": LibraryResult("a", "A", decided=True)}, states=1)
+    only_ours.self_failures = [finding(at(SLEIGH, 2), "failed", detail="ours")]
+    assert library_comparison.headline(only_ours) == (
+        "the two derivations of eomcheck differ from each other"
+    )
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_quantities_on_which_all_agree_have_rows_only_when_asked(capsys, wide):
+    key, other = list(library_comparison.CONFORMANCE)[:2]
+    state = at(SLEIGH, 1)
+    one = LibraryResult("one", "One 1.0", decided=True)
+    one.findings = {key: finding(state, claim=key), other: finding(state, claim=other)}
+    two = LibraryResult("two", "Two 2.0", decided=True)
+    two.findings = {key: finding(state, "failed", claim=key)}
+    found = LibraryComparison(SLEIGH, {"one": one, "two": two}, states=1)
+    found.running = running_differences({"M": np.zeros((3, 3))})
+    library_comparison.print_comparison(found, wide=wide)
+    printed = capsys.readouterr().out
+    assert "2 of 2" in printed and "0 of 1" in printed
+    assert CLAIMS[key].asks in printed
+    assert (CLAIMS[other].asks in printed) == wide
 
 
 def test_a_comparison_is_written_with_all_that_was_found(tmp_path):

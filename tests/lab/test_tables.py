@@ -506,8 +506,11 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         ("one", "1e-03", "", "4e-07"),
         ("two", "2e-05", "4e-07", ""),
     ]
-    assert list(library_comparison.sentences(made)) == [
+    assert list(library_comparison.differences_in_words(made)) == [
         "Two 2.0 differs: where it answers, it agrees. Why: no reason known.",
+    ]
+    assert library_comparison.headline(made) == "1 of 2 libraries differs: two"
+    assert list(library_comparison.limits_in_words(made)) == [
         "three gave no answer: cannot",
         "four was left out: not there",
     ]
@@ -566,8 +569,8 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
     looks = ["passed" if word == "agrees" else "open" for word in verdicts]
     assert [getattr(row[-1], "kind", "") for row in sheet.rows] == looks
     library_comparison.print_comparison(made)
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last == said if said else "agree to" not in last
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[0] == said if said else "agree to" not in printed
     assert made.undecided_libraries == [key for key in made.libraries if not decided.get(key)]
 
 

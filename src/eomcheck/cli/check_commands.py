@@ -676,6 +676,9 @@ def compare_command(
     pairs: Annotated[
         bool, typer.Option("--pairs", help="Also print each library beside each other.")
     ] = False,
+    wide: Annotated[
+        bool, typer.Option("--wide", help="Print quantities on which all libraries agree, too.")
+    ] = False,
     patch: Annotated[
         Path | None,
         typer.Option(
@@ -701,7 +704,7 @@ def compare_command(
         check_used(
             "with two robots",
             **{"engine": engine, "claim": claim, "deviations": deviations},
-            **{"isolated": isolated or None, "pairs": pairs or None},
+            **{"isolated": isolated or None, "pairs": pairs or None, "wide": wide or None},
         )
         _compare_robots(robot, other, match or [], examples, json, patch)
         return
@@ -726,7 +729,7 @@ def compare_command(
         comparison = compare_libraries(scene, engine, examples, seed, advance, claim, isolated)
     if json is not None:
         write_comparison(comparison, json)
-    print_comparison(comparison, pairs)
+    print_comparison(comparison, pairs, wide)
     _print_warnings([type(scene)])
     if json is not None:
         print(f"written: {json}")

@@ -34,7 +34,6 @@ from eomcheck.claims.finding import (
 )
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.class_lookup import home_of_code
-from eomcheck.console import console
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import (
     BY_FORMAT,
@@ -569,28 +568,43 @@ def library_table(comparison: LibraryComparison) -> ResultTable:
     """Return the table of libraries: their largest differences from eomcheck, and the verdict."""
     rows = []
     results = [*comparison.answered, *comparison.refused]
+    others = ["others"] if quantity_table(comparison) else []
     for result, row in zip(results, comparison.readings(comparison.scene.name), strict=True):
         apart = [
             Cell("fault", "failed") if name in result.faults else _cell(row.apart.get(name, np.nan))
             for name in comparison.differences
         ]
-        rows.append([Cell(row.library, "name"), *apart, Cell(row.verdict, row.kind)])
+        shares = [_share_that_agrees(result) for _ in others]
+        rows.append([Cell(row.library, "name"), *apart, *shares, Cell(row.verdict, row.kind)])
     size = counted(comparison.scene.n, "coordinate"), counted(comparison.states, "state")
     title = f"{comparison.scene.name}: {', '.join(size)}"
-    heads = ["library", *comparison.differences, "verdict"]
+    heads = ["library", *comparison.differences, *others, "verdict"]
     note = (
         "Largest difference from eomcheck, relative to the largest entry over all states; where "
         "entries cancel to less than a thousandth of the terms that they are summed from, to these."
     )
+    if others:
+        note += " others: quantities that agree, of those that the library has; each by --wide."
     return ResultTable("libraries", title, heads, rows, note=note)
 
 
-def quantity_table(comparison: LibraryComparison) -> ResultTable | None:
-    """Return the table of conformance quantities by library; None if no library has any."""
+def _share_that_agrees(result: LibraryResult) -> str:
+    """Return of how many conformance quantities that a library has it agrees: "14 of 17"."""
+    found = [result.findings[claim].verdict for claim in CONFORMANCE if claim in result.findings]
+    return f"{found.count('passed')} of {len(found)}" if found else "-"
+
+
+def quantity_table(comparison: LibraryComparison, wide: bool = True) -> ResultTable | None:
+    """Return the table of conformance quantities by library; None if no library has any.
+
+    Args:
+        comparison: the comparison.
+        wide: whether it has quantities on which all libraries agree, too.
+    """
     rows = []
     for claim in CONFORMANCE:
         found = [result.findings.get(claim) for result in comparison.answered]
-        if any(found):
+        if any(one is not None and (wide or one.verdict != "passed") for one in found):
             rows.append([Cell(CLAIMS[claim].asks, "name"), *map(_quantity_cell, found)])
     heads = ["quantity", *(result.library for result in comparison.answered)]
     return ResultTable("quantities", "Other quantities", heads, rows) if rows else None
@@ -628,8 +642,31 @@ def claimwise(comparison: LibraryComparison, name: str) -> Iterator[tuple[Librar
                 yield result, claim, getattr(result, name)[claim]
 
 
-def sentences(comparison: LibraryComparison) -> Iterator[str]:
-    """Yield sentences on each library that differs or gave no answer."""
+def headline(comparison: LibraryComparison) -> str:
+    """Return the verdict in one sentence; empty where nothing was decided."""
+    if comparison.disagree:
+        differing = group([r for r in comparison.answered if r.differs], lambda r: r.verdict)
+        if not differing:
+            return "the two derivations of eomcheck differ from each other"
+        names = (
+            ", ".join(r.library for r in alike) + ("" if verdict == "differs" else f" ({verdict})")
+            for verdict, alike in differing.items()
+        )
+        count = sum(map(len, differing.values()))
+        of = f"{count} of {counted(len(comparison.answered), 'library')}"
+        return f"{of} {'differs' if count == 1 else 'differ'}: {'; '.join(names)}"
+    if not comparison.agree:
+        return ""
+    undecided = ", ".join(comparison.undecided_libraries)
+    who = "all others" if undecided else "all that answered"
+    where = " where decided" if any(r.undecided_claims for r in comparison.answered) else ""
+    parts = [f"{who} agree to rounding{where}", f"{undecided} undecided" if undecided else ""]
+    parts.append("without q̈" if len(comparison.skipped) >= comparison.states else "")
+    return ", ".join(filter(None, parts))
+
+
+def differences_in_words(comparison: LibraryComparison) -> Iterator[str]:
+    """Yield sentences on each library that differs: where, and why."""
     for result in comparison.answered:
         if result.differs:
             where = "; ".join(map(_located, result.failures)) or "where it answers, it agrees"
@@ -637,16 +674,20 @@ def sentences(comparison: LibraryComparison) -> Iterator[str]:
             if result.messages:
                 more = len(result.messages) - MOST_LINES
                 quoted = " / ".join(result.messages[:MOST_LINES])
-                yield f"    It said: {quoted}" + (
+                yield f"    Its message: {quoted}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
-    for result, claim, unresolved in claimwise(comparison, "unresolved"):
-        yield f"{result.version}: {claim} is {unresolved_finding(unresolved).detail}"
     if comparison.self_failures:
         largest_error = max(comparison.self_failures, key=lambda f: f.ratio)
         yield f"The two derivations of eomcheck differ from each other: {largest_error.detail}"
     elif any(r.failures for r in comparison.answered):
         yield NOBODY
+
+
+def limits_in_words(comparison: LibraryComparison) -> Iterator[str]:
+    """Yield sentences on what was not decided, and on libraries that gave no answer."""
+    for result, claim, unresolved in claimwise(comparison, "unresolved"):
+        yield f"{result.version}: {claim} is {unresolved_finding(unresolved).detail}"
     by_library = sorted(comparison.answered, key=lambda r: r.library)
     counts = [(r.library, x) for r in by_library for x in sorted(r.inconclusive_counts.items())]
     for (method, count), alike in group(counts, lambda entry: entry[1]).items():
@@ -668,20 +709,25 @@ def _located(finding: Finding) -> str:
     return f"{finding.detail} [{frame}]" if frame else finding.detail
 
 
-def print_comparison(comparison: LibraryComparison, pairs: bool = False) -> None:
-    """Print the differences of libraries from eomcheck and, on demand, from each other."""
-    more = quantity_table(comparison)
+def print_comparison(
+    comparison: LibraryComparison, pairs: bool = False, wide: bool = False
+) -> None:
+    """Print the verdict, then what differs, then tables.
+
+    Args:
+        comparison: the comparison.
+        pairs: whether tables of each library beside each other are printed.
+        wide: whether quantities on which all libraries agree have rows of their own.
+    """
+    if verdict := headline(comparison):
+        say(verdict, "bold red" if comparison.disagree else "bold green")
+    for sentence in differences_in_words(comparison):
+        say(sentence)
+    more = quantity_table(comparison, wide)
     tables = [library_table(comparison), *([] if more is None else [more])]
     print_tables([*tables, *(pair_tables(comparison) if pairs else ())])
-    for sentence in sentences(comparison):
+    for sentence in limits_in_words(comparison):
         say(sentence)
-    if comparison.agree:
-        undecided = ", ".join(comparison.undecided_libraries)
-        who = "all others" if undecided else "all that answered"
-        where = " where decided" if any(r.undecided_claims for r in comparison.answered) else ""
-        parts = [f"{who} agree to rounding{where}", f"{undecided} undecided" if undecided else ""]
-        parts.append("without q̈" if len(comparison.skipped) >= comparison.states else "")
-        console.print(", ".join(filter(None, parts)))
 
 
 def write_comparison(comparison: LibraryComparison, path: Path) -> None:
