@@ -509,7 +509,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     assert list(library_comparison.differences_in_words(made)) == [
         "Two 2.0 differs: where it answers, it agrees. Why: no reason known.",
     ]
-    assert library_comparison.headline(made) == "1 of 2 libraries differs: two"
+    assert library_comparison.comparison_headline(made) == "1 of 2 libraries differs: two"
     assert list(library_comparison.limits_in_words(made)) == [
         "three gave no answer: cannot",
         "four was left out: not there",

@@ -642,7 +642,7 @@ def claimwise(comparison: LibraryComparison, name: str) -> Iterator[tuple[Librar
                 yield result, claim, getattr(result, name)[claim]
 
 
-def headline(comparison: LibraryComparison) -> str:
+def comparison_headline(comparison: LibraryComparison) -> str:
     """Return the verdict in one sentence; empty where nothing was decided."""
     if comparison.disagree:
         differing = group([r for r in comparison.answered if r.differs], lambda r: r.verdict)
@@ -719,7 +719,7 @@ def print_comparison(
         pairs: whether tables of each library beside each other are printed.
         wide: whether quantities on which all libraries agree have rows of their own.
     """
-    if verdict := headline(comparison):
+    if verdict := comparison_headline(comparison):
         say(verdict, "bold red" if comparison.disagree else "bold green")
     for sentence in differences_in_words(comparison):
         say(sentence)
