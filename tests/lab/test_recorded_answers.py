@@ -28,6 +28,7 @@ from eomcheck.evaluation.conformance import ConformancePoint, quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.recorded_answers import check_answers, table_layout, write_states
 from eomcheck.lab.recorded_base import CONVENTIONS, base_state, parse_convention, recorded_base
+from eomcheck.lab.recorded_log import compared_row
 from eomcheck.lab.recorded_table import (
     EXACT,
     Digits,
@@ -351,6 +352,68 @@ def test_some_entries_are_judged_alone(tmp_path: Path):
     assert not failures(tmp_path / "few.npz")
     write_table(tmp_path / "wrong.npz", few | {"M[2;0]": -few["M[2;0]"]})
     assert "entry (θ_3, θ_1): wrong sign" in failures(tmp_path / "wrong.npz")["M"]
+
+
+def printed_by(code: str, capsys) -> list[str]:
+    """Return the lines that code prints."""
+    exec(code, {})
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_code_of_a_failure_reads_its_row_and_prints_what_differs(tmp_path: Path, capsys):
+    def wrong(name, row, x):
+        if name == "U":
+            return x + 3 + (row == 6)
+        return x * np.where(np.eye(3)[1] > 0, -1, 1) if (name, row) == ("bias", 4) else x
+
+    path = recorded(tmp_path / "a.csv", wrong, "%.9f")
+    failed = {x.subject: x for x in check_answers(path, CHAIN)[0] if x.verdict == "failed"}
+    place, *entries = printed_by(failed["bias"].as_python(), capsys)
+    table = open_table(path)
+    (chunk,) = table.chunks()
+    row = dict(zip(table.names, chunk.values[4], strict=True))
+    q = np.array([row[f"q[{name}]"] for name in CHAIN.coordinate_names])
+    v = np.array([row[f"v[{name}]"] for name in CHAIN.coordinate_names])
+    assert place == f"row 4 (line 6): q = {q}, v = {v}, t = 0.0"
+    ours = ConformancePoint(Evaluation(CHAIN, q, v)).bias[1]
+    x, y = row["bias[1]"], float(ours)
+    assert len(entries) == 1
+    assert entries[0].startswith(f"bias[1]: {x:.6g} recorded, {y:.6g} expected; off by {x - y:.3g}")
+    # The constant of a potential energy is that of the first row.
+    place, energy = printed_by(failed["potential_energy"].as_python(), capsys)
+    assert place.startswith("row 6 (line 8): ") and "; off by 1, allowed" in energy
+
+
+@pytest.mark.parametrize("kind", ["coriolis", "float32", "nan", "parts"])
+def test_the_code_of_any_failing_answers_shows_a_difference(kind: str, tmp_path: Path, capsys):
+    path, options = tmp_path / "a.npz", {}
+    match kind:
+        case "coriolis":
+            own_answers(path, lambda x: {"C": x["C"] / 2})
+        case "float32":
+            own_answers(path, lambda x: {"M": x["M"] * (1 + 2e-4)})
+            options = {"precision": "float32"}
+        case "nan":
+            path = recorded(tmp_path / "a.csv", lambda n, k, x: x * np.nan if n == "M" else x)
+        case "parts":
+            whole = open_table(recorded(tmp_path / "all.csv"))
+            columns = dict(zip(whole.names, next(whole.chunks()).values.T, strict=True))
+            few = {n: -c if n[0] == "M" else c for n, c in columns.items() if n[:4] != "bias"}
+            write_table(path, {n: c for n, c in few.items() if n[0] in "qv" or n == "M[2;0]"})
+    failed = [x for x in check_answers(path, CHAIN, **options)[0] if x.verdict == "failed"]
+    assert failed
+    for one in failed:
+        _, *entries = printed_by(one.as_python(), capsys)
+        assert entries and all("recorded" in x and "off by" in x for x in entries)
+        assert all(f"{name}={text!r}" in one.as_python() for name, text in options.items())
+
+
+def test_a_row_or_a_quantity_that_is_not_there_is_one_sentence(tmp_path: Path):
+    path = recorded(tmp_path / "a.csv")
+    with pytest.raises(InputError, match=r"row = 8: '.*' has 8 rows"):
+        compared_row(path, CHAIN, "M", 8)
+    with pytest.raises(InputError, match=r"'qdd': nothing in row 1 of '.*' is about it"):
+        compared_row(path, CHAIN, "qdd", 1)
 
 
 def own_answers(path: Path, change: Callable[[dict[str, Any]], Any], header=None) -> Path:

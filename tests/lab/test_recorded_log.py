@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.lab.test_recorded_answers import arm_text
+from tests.lab.test_recorded_answers import arm_text, printed_by
 from tests.trials.recorded_answers import (
     FORMATS,
     LOG_FAULTS,
@@ -205,6 +205,26 @@ def test_a_fault_of_a_log_is_named(fault, tmp_path: Path, sized):
         assert log_outcome(fault, CHAIN, RK4, form, tmp_path / "a.csv") == "named"
 
 
+def test_the_code_of_a_failing_log_reads_it_and_prints_what_differs(tmp_path: Path, capsys):
+    chosen, short = {"v-one-sign", "tau-one-half", "q-jumps"}, LoggedMotion(*(x[:40] for x in RK4))
+    shown = set()
+    for fault in (x for x in LOG_FAULTS if x.id in chosen):
+        wrong = short._replace(**fault.change(short, CHAIN))
+        write_table(tmp_path / "a.csv", log_columns(CHAIN, wrong))
+        findings, _, _ = check_recorded(tmp_path / "a.csv", CHAIN)
+        failed = [x for x in findings if x.verdict == "failed"]
+        assert failed, fault.id
+        for one in failed:
+            place, *entries = printed_by(one.as_python(), capsys)
+            assert place.startswith("row ") and f"q = {one.state.q}" in place
+            assert entries and all("recorded" in x and "off by" in x for x in entries)
+            assert not any("off by 0," in x for x in entries)
+            shown.add((fault.id, one.subject, entries[0].split(":")[0]))
+    assert ("v-one-sign", "v against q", "v[θ_2]") in shown
+    assert ("tau-one-half", "equations of motion", "tau[θ_3]") in shown
+    assert ("q-jumps", "v against q") in {x[:2] for x in shown}
+
+
 def test_rows_that_lie_a_step_beside_do_not_fail_the_equations(tmp_path: Path):
     def of(id: str) -> tuple[Any, Any, Any]:
         (fault,) = [x for x in LOG_FAULTS if x.id == id]
@@ -233,7 +253,7 @@ def test_errors_of_first_order_decide_nothing(tmp_path: Path):
     assert detail.startswith("v is 0.05 steps behind q: errors of first order")
 
 
-def test_a_constraint_that_is_violated_from_the_first_row_on_is_named(tmp_path: Path):
+def test_a_constraint_that_is_violated_from_the_first_row_on_is_named(tmp_path: Path, capsys):
     scene = SCENES["sleigh"].example()
     trajectory = simulate(scene, "kane", 0.5)
     write_trajectory(trajectory, tmp_path / "a.npz")
@@ -242,6 +262,10 @@ def test_a_constraint_that_is_violated_from_the_first_row_on_is_named(tmp_path: 
     columns = dict(zip(table.names, chunk.values.T, strict=True))
     sideways = {"v[x]": columns["v[x]"] - 0.1, "v[y]": columns["v[y]"] + 0.2}
     _, _, failed = checked(tmp_path / "b.npz", columns | sideways, scene)
+    findings, _, _ = check_recorded(tmp_path / "b.npz", scene)
+    (edge,) = [x for x in findings if (x.subject, x.verdict) == ("constraint edge", "failed")]
+    _, entry = printed_by(edge.as_python(), capsys)
+    assert entry.startswith("a v + b of edge / (m/s): ") and ", 0 expected" in entry
     assert "edge is violated from the first row on" in failed["constraint edge"]
 
 

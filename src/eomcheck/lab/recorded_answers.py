@@ -53,6 +53,7 @@ from eomcheck.lab.recorded_base import (
     twist_names,
     velocity_map,
 )
+from eomcheck.lab.recorded_finding import ComparedRow, RecordedFinding, compared_entries
 from eomcheck.lab.recorded_table import (
     ColumnName,
     Digits,
@@ -870,24 +871,39 @@ def check_answers(
     layout = table_layout(table, scene, base, precision)
     groups = [ScreenedGroup(x, scene, layout.unit_roundoff) for x in layout.answers]
     count = screen_rows(chunks_of_rows(table, layout, scene), groups, scene)
-    findings = [x for group in groups for x in judge_group(group, scene, table, layout)]
+    options = {"base": base, "precision": precision}
+    findings = [x for group in groups for x in judge_group(group, scene, table, layout, options)]
     shown = dict.fromkeys(group.columns.digits.text for group in groups)
     notes = [f"{counted(count, 'row')}; printed with {' and '.join(islice(shown, 3))}"]
     return findings, notes
 
 
 def judge_group(
-    group: ScreenedGroup, scene: Scene, table: RecordedTable, layout: TableLayout
+    group: ScreenedGroup,
+    scene: Scene,
+    table: RecordedTable,
+    layout: TableLayout,
+    options: Mapping[str, str | None],
 ) -> Iterator[Finding]:
-    """Yield the Findings of a quantity."""
+    """Yield the Findings of a quantity.
+
+    Args:
+        group: its rows with the largest errors.
+        scene: the scene.
+        table: the table.
+        layout: the meaning of its columns.
+        options: `base` and `precision` as they were given.
+    """
     columns = group.columns
     about = CLAIM, columns.subject, scene
+    source: Any = {"path": table.path, "options": options}
     evidence = f"compared: {table.path.name}"
     if group.broken:
         first = group.broken[0]
         place = table.line_of(first.number)
         detail = f"{columns.subject}, {place}: no finite numbers; {len(group.broken)} such rows"
-        yield Finding(*about, first.state, np.inf, 0.0, "failed", evidence, detail)
+        failed = *about, first.state, np.inf, 0.0, "failed", evidence, detail
+        yield RecordedFinding(*failed, **source, row=first.number)
     in_order = sorted(group.worst, key=lambda one: (-one.ratio, one.number))
     judged = [judge_row(group, one.row, one.before, layout) for one in in_order]
     if not judged:
@@ -899,7 +915,8 @@ def judge_group(
         shown, detail = explain_failure(worst, failing, columns, scene, layout)
         place, state, numbers = table.line_of(shown.row.number), shown.row.state, _errors(shown)
         many = "" if group.rows == 1 else f"; {len(failing)} of {group.rows} rows differ"
-        yield Finding(*about, state, *numbers, "failed", evidence, f"{detail}; {place}{many}")
+        failed = *about, state, *numbers, "failed", evidence, f"{detail}; {place}{many}"
+        yield RecordedFinding(*failed, **source, row=shown.row.number)
         return
     resolved = np.any([one.resolved for one in judged], axis=0)
     recorded = np.zeros(columns.shape, bool).ravel()
@@ -946,6 +963,45 @@ def judge_row(
     context = partial(_context, columns, point, layout.convention)
     sides = actual.reshape(expected.shape), expected
     return JudgedRow(row, before, *sides, allowed, rounding, entries, resolved, context)
+
+
+def compared_answers(
+    table: RecordedTable, layout: TableLayout, scene: Scene, columns: AnswerColumns, number: int
+) -> ComparedRow:
+    """Return the recorded entries of a quantity in one row beside our own values.
+
+    Args:
+        table: the table.
+        layout: the meaning of its columns.
+        scene: the scene.
+        columns: those of the quantity.
+        number: index of the row.
+
+    Raises:
+        InputError: there is no such row, or its state is not finite.
+    """
+    rows, count = dict[int, RecordedRow](), 0
+    for first, values in table.chunks():
+        count = first + len(values)
+        for k in {0, number} & set(range(first, count)):
+            where = f"{str(table.path)!r}, {table.line_of(k)}"
+            rows[k] = row_of(layout, scene, k, values[k - first], where, table.digits)
+    if number not in rows:
+        raise InputError(f"row = {number}: {str(table.path)!r} has {counted(count, 'row')}")
+    group = ScreenedGroup(columns, scene, layout.unit_roundoff)
+    ours = np.asarray(columns.quantity.value(rows[0].point(scene), columns.frame))
+    group.add([rows[0]], ours[None], None)  # a constant that is free is that of the first row
+    judged = judge_row(group, rows[number], None, layout)
+    entries = list(judged.entries)
+    if columns.reading:
+        indices = (np.unravel_index(k, columns.shape) for k in entries)
+        places = (entry_name(tuple(int(i) for i in index), columns.names) for index in indices)
+        names = [f"{columns.subject}, {place}" for place in places]
+    else:
+        names = [table.names[k] for k in columns.columns]
+    sides = judged.actual + group.offset, judged.expected + group.offset, judged.allowed
+    compared = compared_entries(names, *(x.ravel()[entries] for x in sides))
+    return ComparedRow(table.line_of(number), rows[number].state, compared)
 
 
 def _context(

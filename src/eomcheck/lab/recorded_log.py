@@ -12,7 +12,7 @@ changes by the work of the forces; and constraints drift.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +34,7 @@ from eomcheck.lab.recorded_answers import (
     batch_point,
     check_answers,
     chunks_of_rows,
+    compared_answers,
     explain_failure,
     judge_group,
     judge_row,
@@ -41,6 +42,12 @@ from eomcheck.lab.recorded_answers import (
     table_layout,
 )
 from eomcheck.lab.recorded_base import CONVENTIONS, base_errors, text_of
+from eomcheck.lab.recorded_finding import (
+    ComparedEntry,
+    ComparedRow,
+    RecordedFinding,
+    compared_entries,
+)
 from eomcheck.lab.recorded_table import CHUNK, EXACT, RecordedTable, open_table
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.mechanics.records import State
@@ -82,6 +89,7 @@ class RecordedMotion(NamedTuple):
         tau: applied forces (k, n), zeros without.
         t_error, q_error, v_error, a_error, tau_error: errors of these by their digits.
         unit_roundoff: u of the numbers of the program.
+        options: `base` and `precision` as they were given.
     """
 
     table: RecordedTable
@@ -97,6 +105,7 @@ class RecordedMotion(NamedTuple):
     a_error: Array
     tau_error: Array
     unit_roundoff: float
+    options: Mapping[str, str | None] = {}
 
     def rounding(self, name: str) -> Array:
         """Return the errors of numbers by their digits and by the arithmetic of the program."""
@@ -318,6 +327,20 @@ class RateCheck(NamedTuple):
         """The alignment of all coordinates, None if there is no common one."""
         return self.alignments[0] if len({*self.alignments}) == 1 else None
 
+    def sides(
+        self,
+        name: str,
+        coordinates: Sequence[str],
+        columns: Sequence[int],
+        rate: Array,
+        row: int,
+    ) -> tuple[ComparedEntry, ...]:
+        """Return the recorded rates (k, n) of some columns in a row beside the differences."""
+        columns = list(columns)
+        allowed = (self.allowed + self.first_order)[row, columns]
+        names = [f"{name}[{coordinates[j]}]" for j in columns]
+        return compared_entries(names, rate[row, columns], self.rates.value[row, columns], allowed)
+
 
 def compare_rate(
     t: Array, t_error: Array, x: Array, x_error: Array, rate: Array, rate_error: Array
@@ -419,7 +442,8 @@ def rate_findings(
             findings.append(log.finding(worst[0], 0.0, numbers[1], "passed"))
         else:
             text += f": it is of another row; {motion.table.line_of(worst[0])}"
-            findings.append(log.finding(worst[0], *numbers, "failed", text))
+            sides = check.sides(name, coordinates, columns, rate, worst[0])
+            findings.append(log.finding(worst[0], *numbers, "failed", text, sides))
     return findings, notes
 
 
@@ -464,7 +488,7 @@ def _unaligned(
         detail = f"{names[0]} is {side}: errors of first order in the step explain it"
         return log.finding(worst[0], *numbers, "inconclusive", detail)
     if np.count_nonzero(jumps.any(axis=1)) <= len(jumps) // MOST_JUMPS:
-        return _jump(motion, log, names, check, columns)
+        return _jump(motion, log, names, check, rate, columns)
     allowed = check.allowed + check.first_order
     broken = broken if broken.any() else np.concatenate((jumps, jumps[-1:]))
     rows = np.flatnonzero(broken.any(axis=1))
@@ -479,6 +503,7 @@ def _unaligned(
         float(allowed[row, entry]),
         "failed",
         f"{text}; {motion.table.line_of(row)}; {len(rows)} of {len(rate)} rows differ",
+        check.sides(names[0], coordinates, columns, rate, row),
     )
 
 
@@ -487,6 +512,7 @@ def _jump(
     log: _LogFindings,
     names: tuple[str, str],
     check: RateCheck,
+    rate: Array,
     columns: Sequence[int],
 ) -> Finding:
     """Return the Finding about columns that jump in a few steps, or of rates that do."""
@@ -496,15 +522,18 @@ def _jump(
         row, entry = _worst(check.error, check.allowed + check.first_order, columns)
         numbers = float(check.error[row, entry]), float(check.allowed[row, entry])
         count = int(broken.any(axis=1).sum())
+        sides = check.sides(names[0], motion.scene.coordinate_names, columns, rate, row)
     else:
         steps = np.where(check.jumps, off, 0.0)[:, columns]
         row, k = (int(x) for x in np.unravel_index(int(np.argmax(steps)), steps.shape))
         entry, count = columns[k], int(check.jumps[:, columns].any(axis=1).sum())
         numbers = float(off[row, entry]), 0.0
+        sides = ()
     name, place = motion.scene.coordinate_names[entry], motion.table.line_of(row + 1)
-    change, by = check.step[row, entry], check.explained[row, entry]
+    change, by = (float(x[row, entry]) for x in (check.step, check.explained))
+    sides = sides or (ComparedEntry(f"step of {names[1]}[{name}]", change, by, 0.0),)
     detail = f"{names[1]}[{name}] jumps to {place}: by {change:.6g}, {names[0]} explains {by:.6g}"
-    return log.finding(row, *numbers, "failed", f"{detail}; {count} such steps")
+    return log.finding(row, *numbers, "failed", f"{detail}; {count} such steps", sides)
 
 
 MOST_JUMPS = 10
@@ -590,12 +619,25 @@ class _LogFindings(NamedTuple):
     subject: str
 
     def finding(
-        self, row: int, observed: float, allowed: float, verdict: Verdict, detail: str = ""
+        self,
+        row: int,
+        observed: float,
+        allowed: float,
+        verdict: Verdict,
+        detail: str = "",
+        compared: tuple[ComparedEntry, ...] = (),
     ) -> Finding:
-        """Return a Finding about a row."""
+        """Return a Finding about a row, with the numbers of a failure that are compared."""
         motion, evidence = self.motion, f"compared: {self.motion.table.path.name}"
         about = LOG_CLAIM, self.subject, motion.scene, motion.state(row)
-        return Finding(*about, observed, allowed, verdict, evidence, detail)
+        return RecordedFinding(
+            *about,
+            *(observed, allowed, verdict, evidence, detail),
+            path=motion.table.path,
+            row=row,
+            options=motion.options,
+            compared=compared,
+        )
 
 
 # ---- Energy and constraints ----------------------------------------------------------------------
@@ -753,7 +795,9 @@ def energy_finding(motion: RecordedMotion, check: EnergyCheck) -> Finding:
             text += f": as if {cause}" + (" it" if cause == "without" else "")
     numbers = float(check.error[row]), float(allowed[row])
     place = f"{motion.table.line_of(row)}; {len(rows)} of {len(change)} steps differ"
-    return log.finding(row, *numbers, "failed", f"{text}; {place}")
+    sides = float(change[row]), float(done[row]), numbers[1]
+    energy = ComparedEntry("change of the energy in the step / J", *sides)
+    return log.finding(row, *numbers, "failed", f"{text}; {place}", (energy,))
 
 
 def constraint_findings(
@@ -789,9 +833,10 @@ def constraint_findings(
         if jump[at] > first_order[at, j]:
             what = "is violated from the first row on" if at == 0 else "jumps"
             detail = f"{name} {what}: {seen.violation[at, j]:.3g} m/s; {motion.table.line_of(at)}"
-            findings.append(
-                log.finding(at, float(size[at, j]), float(allowed[at, j]), "failed", detail)
-            )
+            numbers = float(size[at, j]), float(allowed[at, j])
+            sides = float(seen.violation[at, j]), 0.0, numbers[1]
+            row_of_a = (ComparedEntry(f"a v + b of {name} / (m/s)", *sides),)
+            findings.append(log.finding(at, *numbers, "failed", detail, row_of_a))
             continue
         rate = float(size[-1, j] - size[0, j]) / float(h.sum())
         detail = (
@@ -1016,7 +1061,9 @@ def equations_findings(
         sides = [(0, one.actual, one.expected, one.allowed) for one in failing[:EXPLAINED_ROWS]]
         text += "".join(f"; {unit}" for unit in [unit_of(sides)] if unit)
     place = f"{motion.table.line_of(row)}; {many} of {len(motion.t)} rows differ"
-    return [log.finding(row, *numbers, "failed", f"{text}; {place}")], []
+    columns_of = [f"tau[{name}]" for name in motion.scene.coordinate_names]
+    sides = compared_entries(columns_of, shown.actual, shown.expected, shown.allowed)
+    return [log.finding(row, *numbers, "failed", f"{text}; {place}", sides)], []
 
 
 # ---- Logs ----------------------------------------------------------------------------------------
@@ -1036,8 +1083,14 @@ def is_log(table: RecordedTable, scene: Scene) -> bool:
 class _Reader:
     """Reader of the motion in a log, beside the quantities that are screened."""
 
-    def __init__(self, table: RecordedTable, layout: TableLayout, scene: Scene):
-        self.table, self.layout, self.scene = table, layout, scene
+    def __init__(
+        self,
+        table: RecordedTable,
+        layout: TableLayout,
+        scene: Scene,
+        options: Mapping[str, str | None],
+    ):
+        self.table, self.layout, self.scene, self.options = table, layout, scene, options
         self.rows: list[tuple[Array, ...]] = []
         self.errors: list[tuple[Array, ...]] = []
 
@@ -1083,9 +1136,9 @@ class _Reader:
         a = vdot if "vdot" in self.layout.inputs else None
         if self.layout.convention is not None and "vdot" not in self.layout.base:
             a = None
-        u = self.layout.unit_roundoff
+        end = self.layout.unit_roundoff, self.options
         errors = t_error, q_error, v_error, a_error, tau_error
-        return RecordedMotion(self.table, self.scene, t, q, v, a, force, *errors, u)
+        return RecordedMotion(self.table, self.scene, t, q, v, a, force, *errors, *end)
 
 
 def check_recorded(
@@ -1112,13 +1165,50 @@ def check_recorded(
         return *check_answers(path, scene, base, precision), None
     layout = table_layout(table, scene, base, precision, log=True)
     groups = [ScreenedGroup(x, scene, layout.unit_roundoff) for x in layout.answers]
-    reader = _Reader(table, layout, scene)
+    options = {"base": base, "precision": precision}
+    reader = _Reader(table, layout, scene, options)
     screen_rows(reader.chunks(), groups, scene)
     findings, notes, chart = check_motion(reader.motion(), "force" in layout.inputs)
     if any(one.verdict == "failed" for one in findings):
         notes += _other_twist(table, layout, scene)
-    findings += [x for group in groups for x in judge_group(group, scene, table, layout)]
+    findings += [x for group in groups for x in judge_group(group, scene, table, layout, options)]
     return findings, notes, chart
+
+
+def compared_row(
+    path: Path,
+    scene: Scene,
+    subject: str,
+    row: int,
+    base: str | None = None,
+    precision: str | None = None,
+) -> ComparedRow:
+    """Return one row of a recorded table beside the values that are expected there.
+
+    Of a log the numbers that fail are computed again, of the whole motion.
+
+    Args:
+        path: file with recorded answers, or with a log.
+        scene: the scene that it is about.
+        subject: subject of a Finding, such as "bias", "M" or "v against q".
+        row: index of the row.
+        base: see `check_recorded`.
+        precision: see there too.
+
+    Raises:
+        InputError: there is no such row, or no such failure of a log there; see `check_recorded`.
+    """
+    table = open_table(path)
+    log = is_log(table, scene)
+    layout = table_layout(table, scene, base, precision, log=log)
+    for columns in layout.answers:
+        if columns.subject == subject:
+            return compared_answers(table, layout, scene, columns, row)
+    for one in check_recorded(path, scene, base, precision)[0] if log else ():
+        if isinstance(one, RecordedFinding) and (one.subject, one.row) == (subject, row):
+            assert one.state is not None
+            return ComparedRow(table.line_of(row), one.state, one.compared)
+    raise InputError(f"subject = {subject!r}: nothing in row {row} of {str(path)!r} is about it")
 
 
 def _other_twist(table: RecordedTable, layout: TableLayout, scene: Scene) -> Iterator[str]:
@@ -1126,7 +1216,7 @@ def _other_twist(table: RecordedTable, layout: TableLayout, scene: Scene) -> Ite
     if layout.convention is None:
         return
     for text, convention in {text_of(layout.convention): layout.convention, **CONVENTIONS}.items():
-        reader = _Reader(table, layout._replace(convention=convention), scene)
+        reader = _Reader(table, layout._replace(convention=convention), scene, {})
         next(reader.chunks())
         motion = reader.motion()
         q, _ = unwrapped(motion.t, motion.q, motion.v)

@@ -60,10 +60,10 @@ class Digits(NamedTuple):
             return self.roundoff * np.abs(x)
         if self.significant >= EXACT_DIGITS:
             return np.zeros(x.shape)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):  # of 0; of a column without a number
             exponent = np.floor(np.log10(np.abs(x)))
-        last = np.where(np.isfinite(exponent), exponent - self.significant + 1, -np.inf)
-        return 0.5 * 10.0 ** np.maximum(last, -self.decimals)
+            last = np.where(np.isfinite(exponent), exponent - self.significant + 1, -np.inf)
+            return 0.5 * 10.0 ** np.maximum(last, -self.decimals)
 
     @property
     def text(self) -> str:

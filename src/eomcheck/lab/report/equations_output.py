@@ -112,12 +112,14 @@ def write_equations(
 
 
 def equations_records(findings: Sequence[Finding]) -> list[Record]:
-    """Return the Records of a report on equations of motion: one per state."""
+    """Return the Records of a report on equations of motion or on a table: one per state or row."""
+    from eomcheck.lab.recorded_finding import RecordedFinding
     from eomcheck.lab.store.validation_runs import findings_record, stored_findings
 
     by_state: dict[int, list[Finding]] = {}
     for finding in findings:
-        by_state.setdefault(id(finding.state), []).append(finding)
+        about = finding if isinstance(finding, RecordedFinding) else finding.state
+        by_state.setdefault(id(about), []).append(finding)
     name = findings[0].scene.name
     return [
         findings_record(stored_findings(group, name, case))

@@ -136,12 +136,13 @@ def stored_findings(
     """
     scene, state = findings[0].scene, findings[0].state
     engines = dict.fromkeys(one.engine for one in findings if one.engine is not None)
+    alone = len(findings) == 1  # a Finding about a row of a file has code of its own
     where = {
         "scene": key,
         "links": link_count(scene),
         "case": case,
         "structure": scene.structure if case is None else "",
-        "python": reproducer_code(scene, state, engines),
+        "python": findings[0].as_python() if alone else reproducer_code(scene, state, engines),
     }
     return [StoredFinding(*_columns(one), **where) for one in findings]
 
