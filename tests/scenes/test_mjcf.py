@@ -15,7 +15,7 @@ from eomcheck.claims.run import RunSelection, ValidationRun, validate
 from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.engines import MjcfFile
+from eomcheck.engines import ENGINES, MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
@@ -65,6 +65,13 @@ def limb(path: Path, free: bool = True, ball: bool = True) -> Path:
     return path
 
 
+PENDULUM_ON_A_BALL = """
+<mujoco><worldbody><body><joint name="arm" axis="0 1 0"/><geom size="0.1 0.2 0.1" type="box" pos="0.2 0 0"/>
+  <body pos="0.5 0 0" euler="20 10 30"><joint name="ball" type="ball" armature="0.4"/>
+  <geom type="box" size="0.1 0.2 0.3" pos="0 0.1 0.2"/></body></body></worldbody></mujoco>
+"""  # noqa: E501
+
+
 # ---- What is read --------------------------------------------------------------------------------
 
 
@@ -81,18 +88,66 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     assert all(table.max() < 1e-12 for table in found.differences.values())
 
 
-def test_a_free_and_a_ball_joint_are_damped_as_mujoco_damps_them(tmp_path: Path):
-    path = limb(tmp_path / "limb.xml", True, True)
-    text = path.read_text().replace('damping="0" pos="0 0 0.02"', 'damping="0.4" pos="0 0 0.02"')
-    root = '<joint type="free" name="root" damping="0.7"/>'
+def several(path: Path, of_root: str, of_knee: str) -> Path:
+    """Write the limb with attributes of its free joint and of its ball; return `path`."""
+    text = limb(path, True, True).read_text()
+    text = text.replace('damping="0" pos="0 0 0.02"', f'{of_knee} pos="0 0 0.02"')
+    root = f'<joint type="free" name="root" {of_root}/>'
     path.write_text(text.replace('<freejoint name="root"/>', root))
-    scene = from_mjcf(path)
+    return path
+
+
+def test_a_free_and_a_ball_joint_are_damped_as_mujoco_damps_them(tmp_path: Path):
+    scene = from_mjcf(several(tmp_path / "limb.xml", 'damping="0.7"', 'damping="0.4"'))
     assert scene.damping.tolist() == [0.7, 0.3, 0.3, 0.3, 0.4, 0.3]
     assert not scene.conserves_energy
     claims = "generalized-forces", "engine-acceleration", "power-balance"
     found = validate(scene, examples=10, engines=[MjcfFile], formulations=["gw"], claims=claims)
     assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+
+
+def test_a_free_and_a_ball_joint_have_the_armature_that_mujoco_gives_them(tmp_path: Path):
+    """It is added to M in MuJoCo's velocities; here the turns of a ball are not perpendicular."""
+    scene = from_mjcf(several(tmp_path / "limb.xml", 'armature="0.7"', 'armature="0.3"'))
+    assert scene.armature.tolist() == [0.7, 0.7, 0.7, 0.7, 0.02, 0.3]
+    tree = scene.tree()
+    assert tree.gimbal_armature[[5, 11]].tolist() == [0.7, 0.3]
+    assert not ENGINES["pinocchio"].represents(scene)
+    dynamics = "inverse-dynamics", "forward-dynamics", "kinetic-energy", "momentum"
+    claims = "mass-matrix", "bias", "engine-acceleration", *(f"engine-{x}" for x in dynamics)
+    found = validate(scene, examples=5, engines=[MjcfFile], formulations=["gw"], claims=claims)
+    assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
+
+
+def test_the_armature_of_a_ball_is_proved_in_every_formulation_and_quantity(tmp_path: Path):
+    (tmp_path / "ball.xml").write_text(PENDULUM_ON_A_BALL)
+    scene = from_mjcf(tmp_path / "ball.xml")
+    found = prove(scene, points=1)
+    assert {one.verdict for one in found} == {"passed"}
+    assert {"coriolis-identities", "regressor-identity"} <= {one.claim for one in found}
+    of_formulations = {one.subject for one in found if one.claim == "equations-residual"}
+    assert {"au", "kane", "gw"} <= of_formulations
+
+
+def test_a_tree_by_hand_may_have_the_rotor_of_a_ball(tmp_path: Path):
+    (tmp_path / "ball.xml").write_text(PENDULUM_ON_A_BALL)
+    scene = from_mjcf(tmp_path / "ball.xml")
+
+    class Own(type(scene)):
+        def tree(self):
+            return own
+
+    claims = "coriolis-identities", "regressor-identity"
+    tree = scene.tree()
+    for factor, failing in (1.0, set()), (1.1, {*claims}):
+        own = tree._replace(gimbal_armature=factor * tree.gimbal_armature)
+        found = validate(Own(), examples=2, formulations=["gw"], claims=claims, engines=[])
+        assert {one.claim for one in found if one.verdict == "failed"} == failing
+        assert {one.claim for one in found} == {*claims}
+    own = tree._replace(gimbal_armature=np.roll(tree.gimbal_armature, 1))
+    with pytest.raises(InputError, match=r"gimbal_armature\[0\] ends the turns"):
+        validate(Own(), examples=1, formulations=["gw"], claims=claims, engines=[])
 
 
 @pytest.mark.night
@@ -430,11 +485,6 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "b">]><mujoco>&a;</mujoco>'
         (
             "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>",
             "is refused by MuJoCo: Error: mass and inertia of moving bodies must be larger",
-        ),
-        (
-            '<mujoco><worldbody><body><joint type="free" armature="1" name="f"/><geom size="1"/>'
-            "</body></worldbody></mujoco>",
-            "joint 'f' is free or a ball, with stiffness or armature",
         ),
         (
             f"<mujoco><worldbody><site name='s'/>{BODY.replace('<geom', '<site/><geom')}".replace(

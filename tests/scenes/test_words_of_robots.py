@@ -186,11 +186,23 @@ def test_a_free_body_starts_turned_unless_its_angles_are_nearly_singular(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["free", "ball"])
-@pytest.mark.parametrize("more", ['stiffness="1"', 'armature="1"'])
-def test_forces_at_joints_with_several_coordinates_are_refused_each(tmp_path, kind, more):
+def test_springs_at_joints_with_several_coordinates_are_refused(tmp_path, kind):
     pytest.importorskip("mujoco")
-    with pytest.raises(InputError, match="'f' is free or a ball, with stiffness or armature"):
-        read_mjcf(free(tmp_path / "m.xml", kind=kind, more=more))
+    path = free(tmp_path / "m.xml", kind=kind, more='stiffness="1" armature="1"')
+    with pytest.raises(InputError, match=r"'f' is free or a ball, with stiffness: .*an arc cosine"):
+        read_mjcf(path)
+    path.write_text(path.read_text().replace("<worldbody>", f"{NO_SPRINGS}<worldbody>", 1))
+    assert read_mjcf(path).joints[0].stiffness is None
+
+
+NO_SPRINGS = '<option><flag spring="disable"/></option>'
+
+
+@pytest.mark.parametrize("kind", ["free", "ball"])
+def test_a_joint_with_several_coordinates_has_one_armature(tmp_path: Path, kind: str):
+    pytest.importorskip("mujoco")
+    robot = read_mjcf(free(tmp_path / "m.xml", kind=kind, more='armature="0.5"'))
+    assert [joint.armature for joint in robot.joints] == [0.5, None]
 
 
 @pytest.mark.parametrize("kind", ["free", "ball"])

@@ -122,7 +122,9 @@ class Joint(NamedTuple):
     rest_position: float = 0.0
     """Coordinate at which the spring is relaxed, rad or m."""
     armature: float | None = None
-    """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
+    """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without. Of a joint with
+    several coordinates: of the same velocities as the damping.
+    """
     mimics: tuple[str, float, float] | None = None
     """Another joint, ratio and shift; this coordinate is ratio times the other's, plus shift."""
     absolute: bool = False

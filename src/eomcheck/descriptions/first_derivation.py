@@ -313,10 +313,35 @@ def make_jacobians(plan: TopologyPlan) -> Any:
                 moment = cross(omega, momentum(parameters.inertia[b], omega))
                 put_vector(gyroscopic, (b, None), moment)
         for b, k in enumerate(plan.rotors, len(carriers)):
+            if plan.joints[k].gimbal:
+                columns, alpha = gimbal_columns(plan, prepared, k, v)
+                for i, column in columns.items():
+                    put_vector(angular, (b, None, i), column)
+                put_vector(turned, (b, None), alpha)
+                continue
             put(angular, (b, e - 1, plan.joints[k].coordinate), factor(plan.joints[k], parameters))
         return Jacobians(linear, angular, drift, turned, gyroscopic)
 
     return jacobians
+
+
+@generic
+def gimbal_columns(plan, prepared, k, v):
+    """Return the angular velocity `Columns` of a gimbal, and its ω̇ at v̇ = 0.
+
+    Both are against the frame before it, along the axes behind its last turn, scalar joint k.
+    """
+    columns: dict[int, Any] = {}
+    omega: Any = ZERO_VECTOR
+    alpha: Any = ZERO_VECTOR
+    for i in plan.rotor_joints(k):
+        hinge, axis, j = plan.hinge_index[i], plan.joints[i].axis, plan.joints[i].coordinate
+        cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+        columns = {h: rotate_back(x, axis, cos, sin) for h, x in columns.items()} | {j: AXES[axis]}
+        omega, alpha = rotate_back(omega, axis, cos, sin), rotate_back(alpha, axis, cos, sin)
+        own = unit(axis, v[j])
+        omega, alpha = add_vectors(omega, own), add_vectors(alpha, cross(omega, own))
+    return columns, alpha
 
 
 @generic
@@ -402,7 +427,23 @@ def combined_body(first: CompositeBody | None, second: CompositeBody) -> Composi
 
 
 @generic
-def terms_of_bodies(plan, parameters, frames, rates, dtype):
+def gimbal_rates(plan, frames, k, v, vdot):
+    """Return (ω, ω̇) of a gimbal against the frame before it, along the axes of the ground.
+
+    ω̇ is at v̇ = 0 where `vdot` is None.
+    """
+    omega, alpha = ZERO_VECTOR, ZERO_VECTOR
+    for i in plan.rotor_joints(k):
+        j, axis = plan.joints[i].coordinate, frames[i].axis
+        rate = scale_vector(v[j], axis)
+        omega, alpha = add_vectors(omega, rate), add_vectors(alpha, cross(omega, rate))
+        if vdot is not None:
+            alpha = add_vectors(alpha, scale_vector(vdot[j], axis))
+    return omega, alpha
+
+
+@generic
+def terms_of_bodies(plan, parameters, frames, rates, v):
     """Return (M (n, n), B (n,)) of the inertia forces."""
     heavy: list[CompositeBody | None] = [None] * len(frames)
     force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
@@ -412,7 +453,7 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
         inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
         heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
         force[k], moment[k] = newton_euler(mass, inertia, arm, rates[k])
-    M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
+    M, B = np.zeros((plan.n, plan.n), v.dtype), np.zeros(plan.n, v.dtype)
     for k in reversed(range(len(frames))):
         slot, frame = plan.joints[k], frames[k]
         if (own := heavy[k]) is not None:
@@ -424,9 +465,30 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
             hand_on(plan, frames, k, force, moment)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         i, last = plan.joints[k].coordinate, plan.e - 1
+        if plan.joints[k].gimbal:
+            add_gimbal_terms(plan, frames, k, parameters.inertia[b, last, last], v, M, B)
+            continue
         grows = factor(plan.joints[k], parameters)
         M[i, i] = plus(M[i, i], times(grows, times(grows, parameters.inertia[b, last, last])))
     return M, B
+
+
+def add_gimbal_terms(
+    plan: TopologyPlan, frames: list[Frame], k: int, inertia: Any, v: Any, M: Any, B: Any
+) -> None:
+    """Add the rotor of a gimbal, whose last turn is k, to M (n, n) and B (n,)."""
+    turns = plan.rotor_joints(k)
+    for j in turns:
+        i = plan.joints[j].coordinate
+        M[i, i] = plus(M[i, i], inertia)
+    # Of the three axes only the first and the last are not perpendicular.
+    first, last = (plan.joints[j].coordinate for j in (turns[0], turns[-1]))
+    share = times(inertia, dot(frames[turns[0]].axis, frames[k].axis))
+    M[first, last], M[last, first] = plus(M[first, last], share), plus(M[last, first], share)
+    _, alpha = gimbal_rates(plan, frames, k, v, None)
+    for j in turns:
+        i = plan.joints[j].coordinate
+        B[i] = plus(B[i], times(inertia, dot(frames[j].axis, alpha)))
 
 
 def newton_euler(
@@ -501,7 +563,7 @@ def make_terms(plan: TopologyPlan, forces: Any, constraints: Any, drift: Any) ->
     def terms(parameters, prepared, q, v):
         frames = joint_frames(plan, parameters, prepared)
         rates = frame_rates(plan, parameters, frames, v)
-        M, B = terms_of_bodies(plan, parameters, frames, rates, v.dtype)
+        M, B = terms_of_bodies(plan, parameters, frames, rates, v)
         a, b = constraints(parameters, prepared, q)
         Q = forces(parameters, prepared, q, v)
         return Terms(M, Q, B, a, drift(parameters, prepared, q, v), b)

@@ -61,7 +61,9 @@ class ScalarJoint(NamedTuple):
     spring: int | None = None
     damper: int | None = None
     rotor: int | None = None
-    """Index of its armature; None without a rotor."""
+    """Index of its armature; None without a rotor. The rotor of a gimbal has its angular velocity,
+    and the same inertia about all axes.
+    """
     absolute: bool = False
     """Whether it turns against the axes of the ground and not those of the previous frame."""
     torque: int | None = None
@@ -71,8 +73,8 @@ class ScalarJoint(NamedTuple):
     does not turn its frame, the second does.
     """
     gimbal: bool = False
-    """Whether it and the two before it are turns about z, y and x of one joint, whose damper acts
-    on their angular velocity.
+    """Whether it and the two before it are turns about z, y and x of one joint, whose damper and
+    rotor act on their angular velocity.
     """
     name: str = ""
 
@@ -167,7 +169,11 @@ class TopologyPlan:
         for b, k in enumerate(self.carriers):
             self.support[b, [slots[i].coordinate for i, _ in self.movers[k]]] = True
         for b, k in enumerate(self.rotors, len(self.carriers)):
-            self.support[b, slots[k].coordinate] = True
+            self.support[b, [slots[i].coordinate for i in self.rotor_joints(k)]] = True
+
+    def rotor_joints(self, k: int) -> tuple[int, ...]:
+        """Return the scalar joints that turn the rotor of k: itself, or all three of a gimbal."""
+        return (k - 2, k - 1, k) if self.joints[k].gimbal else (k,)
 
     def orientation_parent(self, k: int) -> int:
         """Return the scalar joint against whose frame scalar joint k turns; -1 for the ground."""
@@ -511,12 +517,14 @@ class JointTree(ElementReader):
     def _add_moving(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
     ) -> int:
-        forces, kinds = (joint.stiffness, joint.armature, joint.mimics), SCALAR_KINDS[joint.kind]
-        if len(kinds) > 1 and any(force is not None for force in forces):
+        kinds, several = SCALAR_KINDS[joint.kind], (joint.stiffness, joint.mimics)
+        if len(kinds) > 1 and any(x is not None for x in several):
             raise InputError(
-                f"joint {joint.name!r} is {joint.kind}: stiffness, armature and a joint that it "
-                "follows are for joints with one coordinate"
+                f"joint {joint.name!r} is {joint.kind}: stiffness and a joint that it follows are "
+                "for joints with one coordinate"
             )
+        turns = COORDINATES[joint.kind][-3:] if kinds[-3:] == GIMBAL else ()
+        gimbal = [joint.name + part for part in turns]
         seat = {
             "orientation": self.add_parameter("orientation", turn if is_turned(turn) else None),
             "offset": self.add_parameter("offset", tuple(offset.tolist())),
@@ -529,9 +537,11 @@ class JointTree(ElementReader):
                 "sense": sense,
                 "mimics": mimics,
                 "damper": self.add_parameter("damping", joint.damping, joint.name),
-                "gimbal": kinds[-3:] == GIMBAL and name == f"{joint.name}_roll",
+                "gimbal": name in gimbal[-1:],
                 "spring": self._spring(joint),
-                "rotor": self.add_parameter("armature", joint.armature),
+                "rotor": self.add_parameter(
+                    "armature", None if name in gimbal[:-1] else joint.armature
+                ),
             }
 
         return self.add_joint(joint, parent, axis, seat, fields)

@@ -123,8 +123,13 @@ def fields_of(source: MechanismSource) -> dict[str, Any]:
 
 
 @generic
-def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
-    """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
+def inertias(
+    moments: Any, products: Any, armature: Any, e: int, gimbals: tuple[bool, ...] = ()
+) -> Any:
+    """Return I (n_b, e, e) of bodies, then of rotors; each may be None.
+
+    Rotors have a moment about their last axis alone, those of gimbals about all.
+    """
     counts = [0 if v is None else v.shape[0] for v in (moments, armature)]
     bodies, rotors = counts
     inertia = np.zeros((bodies + rotors, e, e), (armature if bodies == 0 else moments).dtype)
@@ -135,7 +140,8 @@ def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
         for k in range(bodies):
             inertia[k, i, j] = inertia[k, j, i] = products[k, place]
     for k in range(rotors):
-        inertia[bodies + k, e - 1, e - 1] = armature[k]
+        for i in range(e) if gimbals[k : k + 1] == (True,) else (e - 1,):
+            inertia[bodies + k, i, i] = armature[k]
     return inertia
 
 
@@ -205,7 +211,7 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
     kind = np.asarray(numbers.mass).dtype
     rotation = np.tile(np.eye(3, dtype=int).astype(kind), (joints, 1, 1))
     offset, center, inertia = (np.zeros((joints, *shape), kind) for shape in ((3,), (3,), (3, 3)))
-    mass, shift, armature = np.zeros((3, joints), kind)
+    mass, shift, armature, gimbal = np.zeros((4, joints), kind)
     coordinates = np.zeros((joints, plan.n), kind)
     turned = np.zeros((joints + 1, plan.n), kind)  # by it and all joints before; the last by none
     for k, slot in enumerate(slots):
@@ -226,7 +232,7 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
         # In the plane one moment counts; all axes get it, so that the body is physically possible.
         inertia[k] = numbers.inertia[b] if plan.e == 3 else _moments(numbers.inertia[b, 0, 0])
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
-        armature[k] = numbers.inertia[b, -1, -1]
+        (gimbal if slots[k].gimbal else armature)[k] = numbers.inertia[b, -1, -1]
     parent, kinds = tuple(slot.parent for slot in slots), tuple(slot.kind for slot in slots)
     gravity = np.zeros(3, kind)
     if numbers.gravity is not None:
@@ -236,6 +242,7 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
         *(parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature),
         gravity=gravity,
         names=names,
+        gimbal_armature=gimbal if any(slots[k].gimbal for k in plan.rotors) else (),
     )
 
 
@@ -426,7 +433,8 @@ class Mechanism(Parametric, metaclass=_Kind):
         if values["orientation"] is not None:
             result["rotation"] = _rotations_in(arithmetic, values["orientation"])
         parts = values["moments"], values["products"], values["armature"]
-        result["inertia"] = inertias(*parts, self.plan.e)
+        gimbals = tuple(self.plan.joints[k].gimbal for k in self.plan.rotors)
+        result["inertia"] = inertias(*parts, self.plan.e, gimbals)
         if self.plan.rotors:
             mass: Any = getattr(self, "mass", None)
             of_bodies = arithmetic.numbers(np.zeros(0) if mass is None else mass)

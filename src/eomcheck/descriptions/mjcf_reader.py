@@ -536,10 +536,11 @@ class _MjcfReader:
         if kind in (FREE_JOINT, BALL_JOINT):
             count = 6 if kind == FREE_JOINT else 3
             dampers = m.dof_damping[dof : dof + count]
-            if stiffness or m.dof_armature[dof : dof + count].any() or np.ptp(dampers) > 0.0:
+            if stiffness or np.ptp(dampers) > 0.0:
                 raise Unreadable(
-                    f"{self.where}: joint {name!r} is free or a ball, with stiffness or armature: "
-                    "these are for joints with one coordinate"
+                    f"{self.where}: joint {name!r} is free or a ball, with stiffness: its spring "
+                    "acts on the angle of a rotation matrix, an arc cosine, of which the exact "
+                    "arithmetic of proofs has none"
                 )
             damping = 0.0 if self.off["damper"] else float(dampers[0])
             self._start(name, m.qpos0[index : index + count + 1])
@@ -553,6 +554,7 @@ class _MjcfReader:
                     triple_of(place),
                     quaternion_of(turn),
                     damping=damping or None,
+                    armature=float(m.dof_armature[dof]) or None,
                 )
             )
             return

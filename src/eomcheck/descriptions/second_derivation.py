@@ -122,6 +122,9 @@ def make_velocities(plan: TopologyPlan) -> Any:
             put_vector(omega, (b, None), rates[k][1][3 - plan.e :], plan.e)
         for b, k in enumerate(plan.rotors, len(plan.carriers)):
             slot = plan.joints[k]
+            if slot.gimbal:
+                put_vector(omega, (b, None), _gimbal_velocity(plan, prepared, v, k))
+                continue
             rate = times(v[slot.coordinate], factor(slot, parameters))
             put(omega, (b, plan.e - 1), rate)
         return V, omega

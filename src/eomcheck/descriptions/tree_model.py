@@ -159,7 +159,9 @@ def _topology_of(tree: Tree) -> Topology:
     """Return the topology of a tree, each scalar joint with its own coordinate."""
     joints, bodies, rotors = [], 0, 0
     for k, (parent, kind) in enumerate(zip(tree.parent, tree.joint, strict=True)):
-        heavy, rotor = bool(tree.mass[k] > 0 or np.any(tree.inertia[k])), bool(tree.armature[k])
+        heavy = bool(tree.mass[k] > 0 or np.any(tree.inertia[k]))
+        gimbal = bool(np.any(tree.gimbal_armature[k : k + 1]))
+        rotor = gimbal or bool(tree.armature[k])
         joints.append(
             ScalarJoint(
                 parent,
@@ -169,6 +171,7 @@ def _topology_of(tree: Tree) -> Topology:
                 offset=k,
                 body=bodies if heavy else None,
                 rotor=rotors if rotor else None,
+                gimbal=gimbal,
                 name=tree.name[k],
             )
         )
@@ -199,11 +202,10 @@ def _whole_or(arithmetic: Arithmetic, x: Array) -> Array:
 def exact_tree_numbers(model: TreeModel, tree: Tree, arithmetic: Arithmetic) -> TreeNumbers:
     """Return the numbers of a `Tree` in exact numbers, whose float64 entries are constants."""
     carriers, rotors = list(model.plan.carriers), list(model.plan.rotors)
-    parts = (tree.mass, tree.center, tree.inertia, tree.armature, tree.offset, tree.rotation)
+    parts = (tree.mass, tree.center, tree.inertia, tree.offset, tree.rotation)
     parts = (_whole_or(arithmetic, x) for x in (*parts, tree.gravity))
-    mass, center, inertia, armature, offset, rotation, gravity = parts
-    turning = np.zeros((len(rotors), 3, 3), object)
-    turning[:, 2, 2] = armature[rotors]
+    mass, center, inertia, offset, rotation, gravity = parts
+    turning = _whole_or(arithmetic, _rotor_inertia(model, tree))
     moments = np.concatenate((inertia[carriers], turning))
     masses = np.concatenate((mass[carriers], np.zeros(len(rotors), object)))
     own = (_none_where_zero(x) for x in (moments, center[carriers], offset, rotation))
@@ -219,6 +221,19 @@ def _none_where_zero(x: Array) -> Array:
     return absent.reshape(x.shape)
 
 
+def _rotor_inertia(model: TreeModel, tree: Tree) -> Array:
+    """Return the inertia (n_r, 3, 3) of rotors: about z, of gimbals about all axes."""
+    rotors = model.plan.rotors
+    armature = np.asarray(tree.armature)
+    inertia = np.zeros((len(rotors), 3, 3), armature.dtype)
+    for b, k in enumerate(rotors):
+        if model.plan.joints[k].gimbal:
+            inertia[b] = np.eye(3, dtype=int) * tree.gimbal_armature[k]
+        else:
+            inertia[b, 2, 2] = armature[k]
+    return inertia
+
+
 def tree_numbers(model: TreeModel, arithmetic: Arithmetic) -> TreeNumbers:
     """Return the numbers of a model that has a `Tree`, in those of `arithmetic`.
 
@@ -230,7 +245,7 @@ def tree_numbers(model: TreeModel, arithmetic: Arithmetic) -> TreeNumbers:
     carriers, rotors = list(plan.carriers), list(plan.rotors)
     inertia = np.zeros((len(carriers) + len(rotors), 3, 3))
     inertia[: len(carriers)] = np.asarray(tree.inertia)[carriers]
-    inertia[len(carriers) :, 2, 2] = np.asarray(tree.armature)[rotors]
+    inertia[len(carriers) :] = _rotor_inertia(model, tree)
     mass = np.r_[np.asarray(tree.mass)[carriers], np.zeros(len(rotors))]
     center = np.asarray(tree.center)[carriers]
     if arithmetic is FLOAT64:

@@ -28,6 +28,7 @@ from eomcheck.descriptions.first_derivation import (
     combined_body,
     factor,
     frame_rates,
+    gimbal_rates,
     hand_on,
     inertia_along_ground,
     inertia_times,
@@ -543,9 +544,29 @@ def make_coriolis_matrix(plan: TopologyPlan) -> Callable[..., Array]:
                     add(k, j, plus(_power(rates[j], impulse), turned))
             if slot.parent >= 0:
                 moving[slot.parent] = _combined(moving[slot.parent], composite)
+        for b, k in enumerate(plan.rotors, len(plan.carriers)):
+            if plan.joints[k].gimbal:
+                _add_gimbal_coriolis(plan, frames, k, parameters.inertia[b, -1, -1], v, C)
         return C
 
     return coriolis_matrix
+
+
+def _add_gimbal_coriolis(
+    plan: TopologyPlan, frames: list[Frame], k: int, inertia: Any, v: Array, C: Array
+) -> None:
+    """Add the rotor of a gimbal, whose last turn is k, to C (n, n)."""
+    turns = plan.rotor_joints(k)
+    omega, _ = gimbal_rates(plan, frames, k, v, None)
+    before = ZERO_VECTOR
+    for j in turns:
+        # The rate of an axis, which turns with the joints before it, less half of that with all.
+        column, axis = plan.joints[j].coordinate, frames[j].axis
+        turned = subtract_vectors(cross(before, axis), divided(cross(omega, axis), 2))
+        before = add_vectors(before, scale_vector(v[column], axis))
+        for i in turns:
+            row = plan.joints[i].coordinate
+            C[row, column] = plus(C[row, column], times(inertia, dot(frames[i].axis, turned)))
 
 
 # ---- Inverse dynamics ----------------------------------------------------------------------------
@@ -566,7 +587,7 @@ def make_inverse_dynamics(plan: TopologyPlan) -> Callable[..., Array]:
             k = plan.carriers[b]
             inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
             force[k], moment[k] = newton_euler(parameters.mass[b], inertia, arm, motions[k], weight)
-        torques = rotor_torques(plan, parameters, vdot)
+        torques = rotor_torques(plan, parameters, frames, v, vdot)
         for k in reversed(range(len(frames))):
             put_work(plan, frames, k, force, moment, torques)
             if plan.joints[k].parent >= 0:
@@ -576,10 +597,18 @@ def make_inverse_dynamics(plan: TopologyPlan) -> Callable[..., Array]:
     return inverse_dynamics
 
 
-def rotor_torques(plan: TopologyPlan, parameters: Any, vdot: Array) -> Array:
+def rotor_torques(
+    plan: TopologyPlan, parameters: Any, frames: list[Frame], v: Array, vdot: Array
+) -> Array:
     """Return the torques that accelerate the rotors (n,)."""
     torques = np.zeros(plan.n, vdot.dtype)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
+        if plan.joints[k].gimbal:
+            _, alpha = gimbal_rates(plan, frames, k, v, vdot)
+            for i in plan.rotor_joints(k):
+                share = times(parameters.inertia[b, -1, -1], dot(frames[i].axis, alpha))
+                put(torques, plan.joints[i].coordinate, share)
+            continue
         j, grows = plan.joints[k].coordinate, factor(plan.joints[k], parameters)
         inertia = times(grows, times(grows, parameters.inertia[b, -1, -1]))
         torques[j] = plus(times(inertia, vdot[j]), torques[j])
@@ -659,7 +688,7 @@ def make_regressor(plan: TopologyPlan, bodies: tuple[int, ...]) -> Callable[...,
                 screw = Screw(linear.get(j, ZERO_VECTOR), angular.get(j, ZERO_VECTOR))
                 for i, wrench in enumerate(wrenches):
                     put(Y, (j, PER_BODY * place + i), _power(screw, wrench))
-        return Regressor(Y, own, rotor_torques(plan, parameters, vdot))
+        return Regressor(Y, own, rotor_torques(plan, parameters, frames, v, vdot))
 
     return regressor
 

@@ -323,7 +323,7 @@ class TreeEngine(Engine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is described as a tree that the library can hold."""
         tree = scene.tree()
-        if tree is None or not all_move(tree):
+        if tree is None or not all_move(tree) or np.any(tree.gimbal_armature):
             return False
         links = cls.links(tree)
         return cls.holds(links) and (cls.any_inertia or all(map(cls.takes, links)))

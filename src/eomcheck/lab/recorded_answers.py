@@ -1032,6 +1032,7 @@ def _context(
             tree is not None
             and np.any(tree.armature)
             and tree.armature.shape == (point.at.scene.n,)
+            and not np.any(tree.gimbal_armature)
         ):
             return context._replace(terms={"armature": np.diag(tree.armature)})
     if one is BIAS:

@@ -694,7 +694,8 @@ def _mimic_difference(
 def _coefficient(side: _Side, j: int, name: str) -> float:
     """Return a coefficient of a joint, 0 where it has none."""
     if name == "armature":
-        return float(side.tree.armature[j])
+        gimbal = side.tree.gimbal_armature
+        return float(side.tree.armature[j]) + (float(gimbal[j]) if len(gimbal) else 0.0)
     topology = getattr(getattr(side.scene, "source", None), "topology", None)
     values = getattr(side.scene, name, None)
     if topology is None or values is None:

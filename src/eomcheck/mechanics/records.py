@@ -268,6 +268,10 @@ class Tree(NamedTuple):
     """Names of the joints; empty for joint[0], joint[1], ..."""
     links: tuple[TreeFrame, ...] = ()
     """Frames of the links; empty for body[0], body[1], ..., each that of a joint with a body."""
+    gimbal_armature: Any = ()
+    """Rotor inertia added along the angular velocity of the three turns about z, y and x that end
+    with each joint, against the joint before them (n_j,), kg m²; empty without such rotors.
+    """
 
     @property
     def name(self) -> tuple[str, ...]:

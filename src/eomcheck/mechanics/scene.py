@@ -600,6 +600,7 @@ def check_tree(name: str, tree: Any, n: int) -> None:
         "shift": (joints,),
         "armature": (joints,),
         "gravity": (3,),
+        **({"gimbal_armature": (joints,)} if len(tree.gimbal_armature) else {}),
     }
     arrays = {x: finite_array(f"{name}.{x}", getattr(tree, x), shapes[x]) for x in shapes}
     for j, kind in enumerate(tree.joint):
@@ -609,6 +610,11 @@ def check_tree(name: str, tree: Any, n: int) -> None:
     _check_parents(name, tree.parent, joints)
     for j, R in enumerate(arrays["rotation"]):
         _check_rotation(f"{name}.rotation[{j}]", R)
+    for j in np.flatnonzero(arrays.get("gimbal_armature", ())):
+        turns = tuple(tree.joint[max(j - 2, 0) : j + 1])
+        if turns != ("rz", "ry", "rx"):
+            kinds = f"ends the turns {safe_repr(turns)}, expected ('rz', 'ry', 'rx')"
+            raise InputError(f"{name}.gimbal_armature[{j}] {kinds}")
     if tree.names and len(tree.names) != joints:
         raise InputError(f"{name}.names has {len(tree.names)} names, expected {joints}")
     _check_names(f"{name}.names", tree.names)
