@@ -1,6 +1,6 @@
 """Measure how deep climbing comes, and how deep drawing at random, in the same number of states.
 
-    python -m tests.climbing [--seeds 10] [--states 5000] [--links 4] [--figure FILE] [--fuzz]
+    python -m tests.climbing [--seeds 10] [--states 5000] [--links 4] [--figures FOLDER] [--fuzz]
 
 Looked at is true error / stated bound of `banded`, enclosed at every state: in a copy of the
 source where the mend of its silent errors is taken out (`tests.unmended`), and in the source as it
@@ -36,8 +36,8 @@ from eomcheck.scenes import Snake
 
 KEY = "banded"
 RATION = CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, scalar_only=0)
-WITHOUT, AS_IT_IS = "without the mend", "as it is"
-WAYS = {False: "drawn at random", True: "climbed to"}
+WITHOUT, AS_IT_IS = "without the fix", "as it is"
+WAYS = {False: "drawn at random", True: "by hill climbing"}
 MINUTES = 5
 
 
@@ -123,7 +123,7 @@ def found_again(package: Path, seed: int) -> bool:
 def table(name: str, found: Sequence[Search]) -> str:
     """Return the highest of each seed, and the medians, in Markdown."""
     lines = [
-        f"| seed, {name} | drawn at random | climbed to | times |",
+        f"| seed, {name} | drawn at random | by hill climbing | times |",
         "| --- | --- | --- | --- |",
     ]
     ends = {(one.seed, one.climbing): one.best[-1] for one in found}
@@ -142,20 +142,23 @@ def chart(by_source: dict[str, list[Search]]) -> Chart:
     for name, found in by_source.items():
         lines = list(_lines(found))
         title = f"Source {name}"
-        x, y = Axis("states looked at"), Axis("largest true error / bound of banded", log=True)
-        panels[(name,)] = Panel(x, y._replace(own=True), lines, title, level=1.0)
-    return Chart("climbing", "Climbing and drawing", ["source"], panels, size=(4.2, 3.6))
+        x, y = Axis("states checked"), Axis("true error / bound", log=True, own=True)
+        panels[(name,)] = Panel(x, y, lines, title, level=1.0)
+    title = "Largest true error of banded over its bound: above 1 it is silent"
+    grid = [[chosen] for chosen in panels]
+    return Chart("climbing", title, ["source"], panels, grid)
 
 
 def _lines(found: Sequence[Search]) -> Iterator[Line]:
     for climbing, key in WAYS.items():
         of = [one for one in found if one.climbing == climbing]
         for one in of:
-            yield Line(key, one.states, one.best, appearance="thin")
+            yield Line(key, one.states, one.best, label=f"{key}: each seed", appearance="thin")
         count = min(len(one.states) for one in of)
         at = np.median([one.states[:count] for one in of], axis=0)
         best = np.median([one.best[:count] for one in of], axis=0)
-        yield Line(key, at.tolist(), best.tolist(), every=(0, max(1, count // 6)))
+        marked = (0, max(1, count // 6))
+        yield Line(key, at.tolist(), best.tolist(), label=f"{key}: median", every=marked)
 
 
 def main() -> int:
@@ -166,7 +169,7 @@ def main() -> int:
     parser.add_argument("--states", type=int, default=5000)
     parser.add_argument("--links", default="4")
     parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--figure", type=Path, help="file to draw to")
+    parser.add_argument("--figures", type=Path, help="folder to draw to")
     parser.add_argument("--fuzz", action="store_true", help="look for a find from scratch")
     parser.add_argument("--seed", type=int, default=0, help="of --fuzz")
     parser.add_argument("--measure", action="store_true", help="only this source, told as JSON")
@@ -189,10 +192,10 @@ def main() -> int:
         ):
             by_source[name] = searches(package, [*given, f"--seeds={seeds}"])
             print(table(name, by_source[name]), flush=True)
-    if asked.figure is not None:
-        from eomcheck.lab.show.chart_matplotlib import draw_charts
+    if asked.figures is not None:
+        from eomcheck.lab.show.chart_matplotlib import draw_both
 
-        draw_charts([chart(by_source)], asked.figure)
+        draw_both(chart(by_source), asked.figures)
     return 0
 
 

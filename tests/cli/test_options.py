@@ -104,7 +104,7 @@ STUBS: dict[str, dict[str, Any]] = {
             ["a note"],
             SimpleNamespace(name="a"),
         ),
-        "eomcheck.lab.show.chart_matplotlib.draw_charts": None,
+        "eomcheck.lab.show.chart_matplotlib.draw_both": [],
         "eomcheck.cli.check_commands._write_page": None,
     },
     "states": {"eomcheck.lab.recorded_answers.write_states": None},
@@ -160,7 +160,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.motion_tables.write_trajectory": None,
         "eomcheck.lab.report.motion_tables.print_many": None,
         "eomcheck.lab.report.motion_tables.chart_of_many": None,
-        "eomcheck.lab.show.chart_matplotlib.draw_charts": None,
+        "eomcheck.lab.show.chart_matplotlib.draw_chart": None,
     },
     "acceleration": {"eomcheck.lab.report.motion_tables.print_accelerations": 0},
     "constraints": {"eomcheck.lab.report.motion_tables.print_constraints": 0},
@@ -240,7 +240,7 @@ CASES: dict[str, dict[str, Case]] = {
         ),
         "base": ("--base world", {"check_recorded.base": "world"}, TABLE),
         "precision": ("--precision float32", {"check_recorded.precision": "float32"}, TABLE),
-        "figures": ("--figures .", {"draw_charts.path": "a.png"}, TABLE),
+        "figures": ("--figures .", {"draw_both.folder": "."}, TABLE),
         "json": ("--json a.json", {"write_equations.path": "a.json"}),
         "report": ("--report a.html", {"_write_page.path": "a.html"}),
     },
@@ -451,7 +451,7 @@ CASES: dict[str, dict[str, Case]] = {
             {"simulate_many.executor": "<ProcessPoolExecutor>"},
             MANY,
         ),
-        "plot": ("--plot a.svg", {"draw_charts.path": "a.svg"}, MANY),
+        "plot": ("--plot a.svg", {"draw_chart.path": "a.svg"}, MANY),
         "output": ("-o a.csv", {"write_trajectory.path": "a.csv"}),
     },
     "acceleration": {
@@ -663,17 +663,17 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     monkeypatch.setattr(type(study), "run", run)
     monkeypatch.setattr(type(study), "write", write)
     monkeypatch.setattr(
-        "eomcheck.lab.show.chart_matplotlib.draw_charts",
-        lambda files, path: given.update(path=path),
+        "eomcheck.lab.show.chart_matplotlib.draw_chart",
+        lambda file, path, dark: given.update(path=path, dark=dark),
     )
-    chart = SimpleNamespace(files=list)
+    chart = SimpleNamespace(files=lambda: ["a"])
     how = {"charts": lambda found: [chart], "tables": lambda found: [], "remarks": lambda found: []}
     for name, value in (how | {"alarm": lambda found: False}).items():
         monkeypatch.setitem(study.__dict__, name, value)
     command = command_of(key, figure_only=group == "draw")
     options = study.options()
     shared = {"records", "fresh", "stored", "patience"}
-    shared |= {"path"} if group == "draw" else {"json", "figures"}
+    shared |= {"path", "dark"} if group == "draw" else {"json", "figures"}
     shared |= set() if study.small else {"file"}
     shared |= {"deviations"} if group != "draw" and study.observations is not None else set()
     extends = group != "draw" and study.extends is not None
@@ -691,15 +691,15 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
 
     usual = ran()
     assert usual["records"] == Path("k.db") and not usual["fresh"]
-    assert usual.keys() - {"path"} == options.keys() | {"records", "fresh", "stored"}
+    assert usual.keys() - {"path", "dark"} == options.keys() | {"records", "fresh", "stored"}
     assert all(usual[name] == one.default for name, one in options.items())
     words, values = ["--fresh", "--patience", "7"], {"fresh": True}
     for place, (name, one) in enumerate(options.items(), 7):
         more, values[name] = value_of(name, one, place)
         words += more
     if group == "draw":
-        assert usual["path"] == Path("a.svg")
-        assert ran(*words) == usual | values
+        assert usual["path"] == Path("a.svg") and not usual["dark"]
+        assert ran(*words, "--dark") == usual | values | {"dark": True}
     else:
         assert ran(*words, "--figures", ".", "--json", "a.json") == usual | values | {
             "figures": Path()

@@ -41,8 +41,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     for name in ("print_trajectories", "print_many", "chart_of_many"):
         monkeypatch.setattr(f"eomcheck.lab.report.motion_tables.{name}", lambda found: found)
     monkeypatch.setattr(
-        "eomcheck.lab.show.chart_matplotlib.draw_charts",
-        lambda charts, path: seen.append(path.name),
+        "eomcheck.lab.show.chart_matplotlib.draw_chart",
+        lambda chart, path: seen.append(path.name),
     )
     return seen
 

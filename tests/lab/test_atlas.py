@@ -52,7 +52,7 @@ DOUBLES = -math.log10(2.0**-53)
 
 
 def test_boxes_of_the_heat_map_are_the_worst_variant_at_each_severity_looked_at():
-    (chart, _) = ATLAS.charts(FOUND)
+    chart, *_ = ATLAS.charts(FOUND)
     ((where, heat),) = chart.panels.items()
     assert isinstance(heat, Heat) and where == ("snake",) and chart.name == "stability"
     assert heat.columns == {"Straight snake": 3, "Dependent constraints": 1}
@@ -78,7 +78,7 @@ def test_boxes_of_the_heat_map_are_the_worst_variant_at_each_severity_looked_at(
     assert said[1] == [
         "el, severity 0.0001",
         "1 of 2 variants solved",
-        f"{DOUBLES - 9:.1f} digits lost, {DOUBLES - 8:.1f} foreseen by κ ε",
+        f"{DOUBLES - 9:.1f} digits lost, {DOUBLES - 8:.1f} predicted by κ ε",
         "refused",
         "a'T is singular",
     ]
@@ -88,7 +88,7 @@ def test_boxes_of_the_heat_map_are_the_worst_variant_at_each_severity_looked_at(
 
 
 def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
-    (_, chart) = ATLAS.charts(FOUND)
+    _, chart, straight, dependent = ATLAS.charts(FOUND)
     panel = chart.panels["Straight snake", "all"]
     assert isinstance(panel, Panel)
     assert panel.bad == pytest.approx((DOUBLES - 6, DOUBLES))
@@ -118,11 +118,40 @@ def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
     rings = chart.panels["Straight snake", "el, pivoted"]
     assert isinstance(rings, Panel)
     assert [list(x.x) for x in rings.lines if x.appearance == "rings"] == [["0.0001"]]
-    assert [one.name for one in chart.parts] == ["stability-straight", "stability-dependent"]
-    assert chart.parts[0].grid == [
-        [("Straight snake", "el"), ("Straight snake", "el, pivoted")],
-        [("Straight snake", "au")],
+    assert chart.files() == [] and chart.on_page
+    assert [straight.name, dependent.name] == ["stability-straight", "stability-dependent"]
+    assert straight.grid == [[("el",), ("el, pivoted",)], [("au",)]]
+    assert not straight.on_page
+
+
+def test_methods_that_break_alike_share_a_panel_and_flat_ones_are_named():
+    def steps(method: Method, *relative: float | str) -> list[Record]:
+        where = ((1.0, "heavy tail"), (1e8, "heavy tail"))
+        return [
+            cell(method, severity, variant, error, 1.0, 1e-13, family="mass-ratio")
+            for (severity, variant), error in zip(where, relative, strict=True)
+        ]
+
+    found = [
+        *steps(AU, 1e-15, 1e-14),
+        *steps(EL, 1e-15, 1e-3),
+        *steps(Method("gw"), 1e-15, 1e-4),
+        *steps(Method("kane"), 1e-15, 1e-15),
+        *steps(Method("uk"), 1e-2, 1e-3),
     ]
+    *_, chart = ATLAS.charts(found)
+    assert chart.grid == [[("el; gw",), ("uk",)]]
+    assert chart.title.splitlines()[1] == f"flat, at most {DOUBLES - 14:.1f} digits lost: au; kane"
+    alike = chart.panels["el; gw",]
+    assert isinstance(alike, Panel)
+    assert [(line.key, line.appearance) for line in alike.lines] == [
+        ("el", "dotted"),
+        ("el", "line"),
+        ("gw", "line"),
+    ]
+    *_, chart = ATLAS.charts(steps(AU, 1e-15, 1e-14))
+    assert chart.title.endswith("digits lost: all methods")
+    assert list(chart.panels) == [("au",)]
 
 
 def test_where_methods_break_is_told_with_the_digits_lost_before_and_why():
@@ -166,7 +195,8 @@ def test_scenes_beside_the_snake_share_a_table_a_line_each_family():
         ("rolling-disk: fast and slow", "1 refused", "–"),
     }
     charts = [chart.name for chart in ATLAS.charts([*FOUND, *others])]
-    assert charts == ["stability", "stability-scenes", "stability-families"]
+    families = ["stability-straight", "stability-dependent"]
+    assert charts == ["stability", "stability-scenes", "stability-families", *families]
     alone = {sheet.name for sheet in ATLAS.tables(others[:2])}
     assert "stability-sleigh-breaks" in alone
     together = {sheet.name for sheet in ATLAS.tables(others) if sheet.name.endswith("-breaks")}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, nan
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show import chart_matplotlib, chart_plotly
+from eomcheck.lab.show import chart_plotly
 from eomcheck.lab.show.chart import (
     STYLES,
     Axis,
@@ -22,10 +25,24 @@ from eomcheck.lab.show.chart import (
     Heat,
     Line,
     Panel,
+    contrast,
     in_rows,
     keys_of,
+    on_dark,
 )
-from eomcheck.lab.show.chart_matplotlib import HOLLOW, draw_heat, draw_panel, plt, tick
+from eomcheck.lab.show.chart_matplotlib import (
+    FONT,
+    HOLLOW,
+    MOST_MARKERS,
+    TEXT_LINE,
+    WIDTH,
+    chart_figure,
+    draw_both,
+    draw_heat,
+    draw_panel,
+    plt,
+    tick,
+)
 from eomcheck.lab.show.chart_plotly import chart_json
 from eomcheck.lab.show.table import grouped, seconds_text
 from eomcheck.lab.store.record_file import Record, record_of_rows
@@ -60,6 +77,11 @@ def drawn(key: str, *found: Record) -> dict[tuple[str, ...], list[Line]]:
     return {name: list(x.lines) for one in charts for name, x in one.panels.items()}
 
 
+def _panels(key: str, found: Sequence[Record]) -> list[Any]:
+    """Return the panels of the charts of a study."""
+    return [panel for one in study_of(key).charts(found) for panel in one.panels.values()]
+
+
 def points(lines: list[Line]) -> dict[str, list[tuple[Any, float]]]:
     """Return the points of lines that have some, by their keys."""
     return {one.key: [*zip(one.x, one.y, strict=True)] for one in lines if one.x}
@@ -77,9 +99,10 @@ def test_accuracy_draws_digits_of_what_was_solved_and_shares_of_what_was_foresee
     panels = drawn("accuracy", record_of_rows("accuracy", {}, rows))
     digits, shares = points(panels["digits",]), points(panels["share of states",])
     assert list(FORMULATIONS)[0::8] == ["im", "uk"]
+    third, two = 1 / 3, 2 / 3
     assert digits == {
-        "im": [(1.7, 15.0), (4.7, 9.0), (2.7, 12.0)],
-        "uk": [(2.3, 7.0)],
+        "im": [(9.0, 0.0), (9.0, third), (12.0, third), (12.0, two), (15.0, two), (15.0, 1.0)],
+        "uk": [(7.0, 0.0), (7.0, 1.0)],
     }
     # Steps at the ratios, up to all states of which something was foreseen.
     assert shares == {
@@ -117,12 +140,16 @@ def test_long_runs_draw_both_errors_of_each_remedy_over_time():
     panels = drawn("long-run", run("kane", "none", size=1e-12), *found)
     told = {name: points(lines) for name, lines in panels.items()}
     constraint, energy = "‖c‖ / (m/s)", "|E - E₀| / E₀"
+    assert {panel.y.title for panel in _panels("long-run", found)} == {
+        f"largest {constraint} up to t",
+        f"largest {energy} up to t",
+    }
     assert told == {
         (constraint, "none"): {
-            "au": [(1.0, 1e-8), (2.0, 1e-18)],
-            "kane": [(1.0, 1e-12), (2.0, 1e-18)],
+            "au": [(1.0, 1e-8), (2.0, 1e-8)],
+            "kane": [(1.0, 1e-12), (2.0, 1e-12)],
         },
-        (constraint, "feedback"): {"au": [(1.0, 1e-9), (2.0, 1e-18)]},
+        (constraint, "feedback"): {"au": [(1.0, 1e-9), (2.0, 1e-9)]},
         (constraint, "projection"): {},
         (energy, "none"): {
             "au": [(1.0, 2e-8), (2.0, 3 * 1e-8)],
@@ -208,12 +235,12 @@ HEAT = Heat(
 )
 
 
-def test_a_heat_map_has_each_box_under_its_heading_hatched_and_framed_where_it_is():
+def test_a_steep_heat_map_has_each_box_under_its_heading_hatched_where_it_is():
     assert HEAT.edges == [0.0, 0.5, 1.0, 2]
     assert HEAT.keys == ["kane", "au"]
     assert replace(HEAT, columns={"a": 4, "b": 1}).edges == [0.0, 0.25, 0.5, 0.75, 1.0, 2]
     figure, axes = plt.subplots()
-    draw_heat(axes, HEAT)
+    draw_heat(axes, replace(HEAT, steep=True))
     boxes = [
         (round(x.get_x(), 3), round(x.get_y(), 3), round(x.get_width(), 3), x.get_hatch(),
          x.get_label().partition("_")[0])
@@ -222,15 +249,51 @@ def test_a_heat_map_has_each_box_under_its_heading_hatched_and_framed_where_it_i
     hatch = "//////"
     assert boxes == [
         (0.04, 0.1, 0.46, None, ""),
-        (0.04, 0.1, 0.46, None, "wrong"),
         (1.04, 0.1, 0.92, hatch, "refused"),
         (0.04, 1.1, 0.46, hatch, "refused in part"),
         (0.5, 1.1, 0.46, None, ""),
         (1.04, 1.1, 0.92, None, ""),
-        (1.04, 1.1, 0.92, None, "wrong"),
     ]
     assert axes.get_ylim() == (2.0, 0.0), "the first row is above"
     plt.close(figure)
+
+
+def test_bars_tell_reported_errors_refusals_and_silent_ones_apart_without_their_shade():
+    boxes = [Box(1.0, False, False), Box(5.0, False, False), Box(6.0, False, True)]
+    refused = [Box(nan, True, False), Box(2.0, True, False), None]
+    heat = replace(
+        HEAT,
+        columns={"good": 1, "bad": 3},
+        rows={
+            "first": ("kane", [Box(4.9, False, False), *boxes]),
+            "second": ("au", [None, *refused]),
+        },
+        beyond="reported",
+    )
+    assert heat.flat == ["good"]
+    assert heat.under("bad") == [boxes, refused]
+    figure, axes = plt.subplots()
+    draw_heat(axes, heat)
+    marks = {patch.get_label(): patch for patch in axes.patches}
+    bars = {
+        name: round(-marks[name].get_height() / 0.82 * 8.0, 9)
+        for name in ("digits", "reported", "wrong")
+    }
+    assert bars == {"digits": 2.0, "reported": 5.0, "wrong": 6.0}
+    colors = [marks[name].get_facecolor() for name in bars]
+    assert len(set(colors)) == 3
+    (cross,) = axes.lines
+    assert cross.get_marker() == "x", "a silent error has a shape of its own"
+    assert 0.06 + 0.88 * 2 / 3 < cross.get_xdata()[0] < 0.94
+    hatches = [patch for patch in axes.patches if patch.get_hatch()]
+    assert [round(x.get_width(), 9) for x in hatches] == [round(0.88 * 2 / 3, 9)], "together"
+    assert hatches[0].get_label() == "refused"
+    assert [x.get_text() for x in axes.get_yticklabels()] == ["bad"]
+    assert axes.get_xlabel() == "good throughout: good"
+    plt.close(figure)
+
+
+def test_a_heat_map_of_a_page_marks_hatched_and_framed_boxes():
     (made,) = json.loads(chart_json(Chart("c", "t", ["x"], {("a",): HEAT}))).values()
     marks = [
         (x["name"], x["marker"]["symbol"], x["x"], x["y"])
@@ -265,7 +328,7 @@ def test_a_panel_draws_its_lines_its_hollow_points_and_what_stands_across():
         [1e-3, 1e-5, 1e-4],
     )
     assert (hollow.get_gid(), *hollow.get_xdata(), *hollow.get_ydata()) == (HOLLOW, 2.0, 1e-5)
-    assert (kane.get_label(), au.get_label()) == ("kane", "other")
+    assert (kane.get_label(), au.get_label()) == ("kane: Kane (variant)", "other")
     assert (kane.get_linestyle(), au.get_linestyle()) == ("-", "None")
     assert kane.get_color() == STYLES["kane"].color
     assert mark.get_xdata()[0] == 3.0 and level.get_ydata()[0] == 1e-4
@@ -343,55 +406,102 @@ def test_ticks_of_logarithms_are_at_decades_or_within_them(limits, ticks):
     plt.close(figure)
 
 
-def drawn_figure(monkeypatch, charts: list[Chart]) -> Any:
-    seen: list[Any] = []
-    monkeypatch.setattr(
-        chart_matplotlib, "save_chart", lambda figure, path: seen.append((figure, path))
-    )
-    chart_matplotlib.draw_charts(charts, "path")  # type: ignore[arg-type]
-    ((figure, path),) = seen
-    assert path == "path"
+def drawn_figure(chart: Chart) -> Any:
+    figure = chart_figure(chart)
     plt.close(figure)
     return figure
 
 
-def test_a_figure_has_a_panel_a_choice_whose_axes_are_shared_and_named_once(monkeypatch):
+def test_a_figure_has_a_panel_a_choice_whose_axes_are_shared_and_named_once():
     lines = [[Line("kane", [1.0, 2.0], [1.0, y])] for y in (10.0, 1000.0, 0.1)]
     panels = {(place,): Panel(X, Y, mine, place) for place, mine in zip("pqr", lines, strict=True)}
     grid = [[("p",), ("q",)], [("r",)]]
-    chart = Chart("c", "A title", ["place"], panels, grid=grid, size=(3.0, 2.0))
-    figure = drawn_figure(monkeypatch, [chart])
-    assert figure.get_size_inches() == pytest.approx((6.6, 4.4))
+    chart = Chart("c", "A title", ["place"], panels, grid=grid, height=2.0)
+    figure = drawn_figure(chart)
+    assert figure.get_size_inches() == pytest.approx((WIDTH, 4.0 + 3 * TEXT_LINE))
     first, second, third, none = figure.axes
     assert [x.get_title() for x in (first, second, third)] == ["p", "q", "r"]
     assert [x.get_ylabel() for x in (first, second, third)] == ["y / s", "", "y / s"]
-    assert [x.get_xlabel() for x in (first, second, third)] == ["", "x / m", "x / m"]
+    assert [x.get_xlabel() for x in (first, second, third)] == ["", "", ""]
+    assert figure.get_supxlabel() == "x / m"
     assert first.get_ylim() == second.get_ylim() != third.get_ylim()
     assert first.get_ylim()[1] > 1000.0 and third.get_xlim() == first.get_xlim()
     assert not none.axison
     (legend,) = figure.legends
-    assert [x.get_text() for x in legend.get_texts()] == ["kane"]
+    assert [x.get_text() for x in legend.get_texts()] == ["kane: Kane (variant)"]
     assert legend.get_title().get_text() == "A title"
     own = {(place,): replace(panel, y=Y._replace(own=True)) for (place,), panel in panels.items()}
-    figure = drawn_figure(monkeypatch, [replace(chart, panels=own)])
+    figure = drawn_figure(replace(chart, panels=own))
     first, second, *_ = figure.axes
     assert first.get_ylim()[1] < second.get_ylim()[1] and second.get_ylabel() == ""
 
 
-def test_several_charts_are_blocks_side_by_side_while_they_are_narrow(monkeypatch):
-    one = Chart("c", "One", ["x"], {("a",): panel(Line("kane", [1.0], [2.0]))}, size=(3.0, 2.0))
-    two = replace(
-        one, title="Two", size=(5.0, 3.0), panels={("a",): panel(Line("au", [1.0], [2.0]))}
+EVERY = Chart(
+    "every",
+    "All formulations",
+    ["x"],
+    {("a",): panel(*(Line(key, [1.0, 2.0], [2.0, 3.0]) for key in FORMULATIONS))},
+)
+
+
+def test_a_legend_spells_out_every_formulation_as_the_registry_names_it():
+    (legend,) = drawn_figure(EVERY).legends
+    told = [text.get_text() for text in legend.get_texts()]
+    assert len(told) == len(FORMULATIONS)
+    for text, (key, formulation) in zip(told, FORMULATIONS.items(), strict=True):
+        assert text in (f"{key}: {formulation.name}", key)
+        assert text != key or formulation.name.lower() == key
+
+
+def test_a_chart_of_a_page_is_written_for_both_grounds_and_has_none_of_its_own(tmp_path: Path):
+    paths = draw_both(EVERY, tmp_path)
+    assert [path.name for path in paths] == ["every.svg", "every-dark.svg"]
+    light, dark = (path.read_text(encoding="utf-8") for path in paths)
+    style = STYLES["au"].color
+    assert style.lower() in light and on_dark(style) in dark
+    for text in (light, dark):
+        (patch,) = re.findall(r'<g id="patch_1">\s*<path d="[^"]*" style="([^"]*)"', text)
+        assert "fill: none" in patch or "opacity: 0" in patch, "the ground of the figure"
+        assert "<image" not in text
+    draw_both(EVERY, tmp_path)
+    assert paths[0].read_text(encoding="utf-8") == light, "its bytes are the same each time"
+
+
+def test_many_points_are_dots_in_an_svg_and_its_lines_and_letters_stay(tmp_path: Path):
+    count = [float(x) for x in range(1, MOST_MARKERS + 2)]
+    chart = replace(
+        EVERY,
+        panels={("a",): panel(Line("au", count, count, joined=False), Line("im", [1.0], [2.0]))},
     )
-    figure = drawn_figure(monkeypatch, [one, two])
-    assert figure.get_size_inches() == pytest.approx((2 * 5.6, 3.0 + 0.5 + 0.4))
-    assert [x.get_suptitle() for x in figure.subfigs] == ["One", "Two"]
+    path, _ = draw_both(chart, tmp_path)
+    text = path.read_text(encoding="utf-8")
+    assert text.count("<image") == 1
+    assert path.stat().st_size < 400_000
+
+
+def test_letters_can_be_read_on_a_page_of_390_pixels_and_lines_be_seen_on_both_grounds():
+    figure = drawn_figure(EVERY)
     (legend,) = figure.legends
-    assert [x.get_text() for x in legend.get_texts()] == ["kane", "au"]
-    assert legend.get_title().get_text() == ""
-    wide = replace(two, size=(7.0, 3.0))
-    figure = drawn_figure(monkeypatch, [one, wide])
-    assert figure.get_size_inches() == pytest.approx((7.6, 2.0 + 3.0 + 1.0 + 0.4))
+    (axes,) = figure.axes
+    letters = [*legend.get_texts(), *axes.get_xticklabels(), axes.yaxis.label, axes.title]
+    assert {text.get_fontsize() for text in letters} == {FONT}
+    margins = 2 * 16
+    assert FONT / 72 * (390 - margins) / WIDTH >= 9.0
+    for style in STYLES.values():
+        assert contrast(style.color, "#ffffff") >= 3.0
+        assert contrast(on_dark(style.color), "#131416") >= 3.0
+
+
+def test_a_mark_of_all_lines_is_grey_in_the_legend_and_comes_last():
+    lines = [
+        Line("kane", [1.0], [2.0], label="not finished", appearance="crosses"),
+        Line("em", [2.0], [2.0], label="not finished", appearance="crosses"),
+        Line("au", [1.0], [2.0]),
+    ]
+    (legend,) = drawn_figure(replace(EVERY, panels={("a",): panel(*lines)})).legends
+    assert [x.get_text() for x in legend.get_texts()] == ["au: Augmented", "not finished"]
+    colors = {STYLES[key].color for key in ("kane", "em")}
+    assert legend.get_lines()[-1].get_color() not in colors
 
 
 @pytest.mark.parametrize(

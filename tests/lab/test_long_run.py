@@ -61,7 +61,7 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "feedback" in said and "exponent" in said
     STUDY.write(found, tmp_path)
-    assert (tmp_path / "long-run.png").stat().st_size > 10_000
+    assert (tmp_path / "long-run.svg").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("wrong", [{"end": 1.0}, {"end": np.nan}, {"tolerance": 0.0}])

@@ -214,7 +214,7 @@ def test_cells_that_are_spread_go_where_they_are_to_by_their_settings_and_under_
     assert places[2:] == ["local:5"]
 
 
-def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
+def test_each_figure_of_a_chart_is_drawn_and_tables_with_rows_are_written(
     monkeypatch, tmp_path: Path
 ):
     drawn: list[Any] = []
@@ -226,16 +226,20 @@ def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
         text = f"table {name}\n"
         return SimpleNamespace(name=name, rows=[0] * rows, detail=detail, markdown=lambda: text)
 
-    stub = SimpleNamespace(draw_charts=lambda of, file: drawn.append(([x.name for x in of], file)))
+    def draw(file: Any, folder: Path) -> list[Path]:
+        drawn.append((file.name, folder))
+        return [folder / f"{file.name}.svg"]
+
+    stub = SimpleNamespace(draw_both=draw)
     monkeypatch.setitem(sys.modules, "eomcheck.lab.show.chart_matplotlib", stub)  # slow to import
     study = of(
-        charts=lambda found: [chart("a", "b"), chart("a")],
+        charts=lambda found: [chart("a", "b"), chart(), chart("c")],
         tables=lambda found: [sheet("one"), sheet("none", 0), sheet("more", 1, True)],
         files=lambda found, folder: [folder / f"{len(found)}.json"],
     )
     written = study.write([Record("x", {})], tmp_path)
-    assert written == [tmp_path / x for x in ("a.png", "b.png", "one.md", "1.json")]
-    assert drawn == [(["a", "a"], tmp_path / "a.png"), (["b"], tmp_path / "b.png")]
+    assert written == [tmp_path / x for x in ("a.svg", "b.svg", "c.svg", "one.md", "1.json")]
+    assert drawn == [(name, tmp_path) for name in "abc"]
     assert [x.name for x in tmp_path.iterdir()] == ["one.md"]
     assert (tmp_path / "one.md").read_text() == "table one\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -296,11 +297,13 @@ def test_tables_and_figures_are_written(tmp_path: Path):
     assert len(claims.read_text(encoding="utf-8").splitlines()) == 2 + len(PAPER_CLAIMS)
     figures = sorted(path for path in written if path.suffix != ".md")
     assert [path.name for path in figures] == [
+        "paper-fig2-dark.svg",
         "paper-fig2.gif",
-        *(f"paper-fig{i}.png" for i in range(2, 8)),
+        "paper-fig2.svg",
+        *(f"paper-fig{i}{ground}.svg" for i in range(3, 8) for ground in ("-dark", "")),
     ]
     assert all(path.stat().st_size > 5_000 for path in figures)
-    assert figures[0].read_bytes()[:6] == b"GIF89a"
+    assert figures[1].read_bytes()[:6] == b"GIF89a"
 
 
 def test_table_i_shows_the_systems_in_n_and_r():
@@ -313,7 +316,7 @@ def test_figures_show_only_what_was_measured(tmp_path: Path):
     records = [motion(n, key, SOLVERS[0]) for n in (2, 20) for key in ("au", "kane")]
     written = [path.name for path in PAPER_STUDY.write(records, tmp_path)]
     figures = [name for name in written if not name.endswith(".md")]
-    assert figures == [f"paper-fig{i}.png" for i in range(5, 8)]
+    assert figures == [f"paper-fig{i}{ground}.svg" for i in range(5, 8) for ground in ("", "-dark")]
 
 
 def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
@@ -322,6 +325,8 @@ def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
         assert isinstance(panel, Panel)
         crosses = {line.key: line.y for line in panel.lines if line.appearance == "crosses"}
         drawn = [line for line in panel.lines if line.appearance == "line"]
-        at_7 = max(line.y[list(line.x).index(7)] for line in drawn if 7 in line.x)
+        seven = {line.key: line.y[list(line.x).index(7)] for line in drawn}
+        assert math.isnan(seven.pop("el")) and math.isnan(seven.pop("em")), "no line across a gap"
+        at_7 = max(seven.values())
         assert at_7 < crosses["el"][0] < crosses["em"][0]
         assert crosses["em"][0] / crosses["el"][0] == pytest.approx(crosses["el"][0] / at_7)

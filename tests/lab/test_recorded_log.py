@@ -377,8 +377,9 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
     assert run("log.csv", "--scene", "chain-pendulum", "--figures", ".") == 0
     out = capsys.readouterr().out
     assert "4 of 4 quantities passed" in out
-    assert "written: log.png" in out
-    assert (tmp_path / "log.png").stat().st_size > 10_000
+    for name in ("log.svg", "log-dark.svg"):
+        assert f"written: {name}" in out
+        assert (tmp_path / name).stat().st_size > 10_000
     write_table(tmp_path / "log.csv", log_columns(CHAIN, RK4._replace(tau=-RK4.tau)))
     assert run("log.csv", "--scene", "chain-pendulum") == 1
     assert "1 of 3 quantities failed" in capsys.readouterr().out

@@ -16,16 +16,13 @@ from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
 from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.report.report_formats import (
-    CONTRAST,
     DARK,
-    contrast,
-    on_dark,
     sections_of,
     write_junit,
     write_markdown,
     write_page,
 )
-from eomcheck.lab.show.chart import STYLES
+from eomcheck.lab.show.chart import CONTRAST, STYLES, contrast, on_dark
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.store.validation_runs import (

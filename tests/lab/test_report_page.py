@@ -9,8 +9,8 @@ import pytest
 from tests import reports
 
 from eomcheck.lab.report.overview import Overview, read_records
-from eomcheck.lab.report.report_formats import DARK, LIGHT, on_dark, write_page
-from eomcheck.lab.show.chart import STYLES
+from eomcheck.lab.report.report_formats import DARK, LIGHT, write_page
+from eomcheck.lab.show.chart import STYLES, on_dark
 
 sync_api = pytest.importorskip("playwright.sync_api")
 NAMES = ("chromium", "chromium-browser", "google-chrome")

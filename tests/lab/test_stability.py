@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import image
 from tests.widths import check_sheets_fit
 
 from eomcheck.errors import RefusedError, UnknownNameError
@@ -352,20 +351,22 @@ def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentatio
     check_sheets_fit(ATLAS.tables([*RECORDS, silent, *_cheap()]))
     paths = ATLAS.write([*RECORDS, silent, *_cheap()], tmp_path)
     assert [path.name for path in paths] == [
-        "stability.png",
-        "stability-straight.png",
-        "stability-dependent.png",
+        "stability.svg",
+        "stability-dark.svg",
+        "stability-straight.svg",
+        "stability-straight-dark.svg",
+        "stability-dependent.svg",
+        "stability-dependent-dark.svg",
         "stability-breaks.md",
         "stability-wrong.md",
     ]
-    table = paths[3].read_text(encoding="utf-8").splitlines()
+    table = paths[6].read_text(encoding="utf-8").splitlines()
     assert table[0] == "| method | Straight snake | Dependent constraints |"
     assert table[2].startswith("| el | 0.0001 SILENT | – |")
     assert table[3].startswith("| au | – | 1e-12 |")
-    paths = paths[:3]
-    for path in paths:
-        assert 10_000 < path.stat().st_size < 200_000
-        assert image.imread(path)[..., :3].std() > 0.05
+    for path in paths[:6]:
+        assert 10_000 < path.stat().st_size < 400_000
+    assert "silently wrong" in paths[2].read_text(encoding="utf-8"), "in a comment on the letters"
 
 
 def _cheap() -> list[Record]:

@@ -189,10 +189,12 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
     said = capsys.readouterr().out
     assert "No run failed" in said and "cheaper ones from this k on" in said
     written = STUDY.write(found, tmp_path)
-    assert {p.stem for p in written if p.suffix == ".png"} == {
-        *("stiff-work-precision", "stiff-cost", "stiff-jacobians"),
+    names = ("stiff-work-precision", "stiff-cost", "stiff-jacobians")
+    figures = [path for path in written if path.suffix == ".svg"]
+    assert {path.stem for path in figures} == {
+        f"{x}{dark}" for x in names for dark in ("", "-dark")
     }
-    assert all(path.stat().st_size > 10_000 for path in written if path.suffix == ".png")
+    assert all(path.stat().st_size > 10_000 for path in figures)
 
 
 def pick(record: Record) -> tuple:

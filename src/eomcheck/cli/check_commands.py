@@ -183,10 +183,10 @@ def _check_recorded(
     if json is not None:
         print(f"written: {json}")
     if figures is not None and chart is not None:
-        from eomcheck.lab.show.chart_matplotlib import draw_charts
+        from eomcheck.lab.show.chart_matplotlib import draw_both
 
-        draw_charts([chart], figures / f"{chart.name}.png")
-        print(f"written: {figures / chart.name}.png")
+        for path in draw_both(chart, figures):
+            print(f"written: {path}")
     return findings
 
 

@@ -78,9 +78,9 @@ def _simulate_near(
     print_many(motions)
     finished = motions.status == "finished"
     if plot is not None and finished.any():
-        from eomcheck.lab.show.chart_matplotlib import draw_charts
+        from eomcheck.lab.show.chart_matplotlib import draw_chart
 
-        draw_charts([chart_of_many(motions)], plot)
+        draw_chart(chart_of_many(motions), plot)
         print(f"written: {plot}")
     return not finished.all()
 

@@ -55,8 +55,13 @@ if TYPE_CHECKING:
 
 
 Picture = Annotated[Path, typer.Argument(metavar="FILE", help="File to write, .png, .svg or .pdf.")]
+Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 Figures = Annotated[
-    Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
+    Path | None,
+    typer.Option(
+        help="Draw the figures, .svg for a light and a dark ground, and write the tables into this "
+        "folder."
+    ),
 ]
 
 Extend = Annotated[
@@ -127,7 +132,7 @@ def command_of(key: str, figure_only: bool = False) -> Any:
         (_draw if figure_only else _run)(one, **options)
 
     options: dict[str, tuple[Any, Any]] = {
-        **({"path": (Picture, Parameter.empty)} if figure_only else {}),
+        **({"path": (Picture, Parameter.empty), "dark": (Dark, False)} if figure_only else {}),
         **({} if one.small else {"file": (OldRecords, None)}),
         "records": (RecordsOption, None),
         "fresh": (Fresh, False),
@@ -252,18 +257,18 @@ def _run_study(
         raise typer.Exit(130) from None
 
 
-def _draw(one: Study, path: Path, records: Path | None, fresh: bool, **options: Any) -> None:
+def _draw(
+    one: Study, path: Path, dark: bool, records: Path | None, fresh: bool, **options: Any
+) -> None:
     check_figure(path)
-    from eomcheck.lab.show.chart_matplotlib import draw_charts
+    from eomcheck.lab.show.chart_matplotlib import draw_chart
 
     chart = next(iter(one.charts(_run_study(one, records, fresh, options))))
-    draw_charts(chart.files(), path)
+    draw_chart(chart.files()[0], path, dark)
     print(f"written: {path}")
 
 
 # ---- Pictures of scenes and of matrices ----------------------------------------------------------
-
-Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 
 
 @draw.command("scene")

@@ -888,7 +888,7 @@ def log_chart(name: str, panels: Iterable[Panel]) -> Chart:
     shown = {(panel.title,): panel for panel in panels}
     keys = [*shown]
     grid = [keys[k : k + 2] for k in range(0, len(keys), 2)]
-    return Chart(name, f"Log {name}", ["part"], shown, grid=grid, size=(4.6, 2.6))
+    return Chart(name, f"Log {name}", ["part"], shown, grid=grid, height=2.1)
 
 
 # ---- Equations of motion -------------------------------------------------------------------------

@@ -472,25 +472,25 @@ class Study:
             )
 
     def write(self, found: StudyRecords, folder: Path, extend: bool = False) -> list[Path]:
-        """Draw all charts and write all tables (Markdown) into a folder; return the files.
+        """Draw all charts, NAME.svg and NAME-dark.svg, and write all tables, NAME.md.
+
+        Returns the files.
 
         Args:
             found: the Records.
             folder: the folder.
             extend: whether to keep the rest of the tables that are there, see `extends`.
         """
-        from eomcheck.lab.show.chart_matplotlib import draw_charts
+        from eomcheck.lab.show.chart_matplotlib import draw_both
 
         if extend and self.extends is not None:
             tables, charts = self.extends(found, folder)
         else:
             tables, charts = self.tables(found), self.charts(found)
-        files = (file for one in charts for file in one.files())
-        drawn = group(files, lambda chart: chart.name)
         written = []
-        for file, charts in drawn.items():
-            written.append(folder / f"{file}.png")
-            draw_charts(charts, written[-1])
+        for chart in charts:
+            for file in chart.files():
+                written += draw_both(file, folder)
         for sheet in tables:
             if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")

@@ -272,5 +272,5 @@ def chart_of_many(batch: Trajectories) -> Chart:
         ["coordinate"],
         panels,
         grid=in_rows([*panels], ACROSS),
-        size=(3.6, 2.3),
+        height=2.0,
     )

@@ -44,7 +44,7 @@ from eomcheck.lab.report.overview import (
     participant_table,
     scene_table,
 )
-from eomcheck.lab.show.chart import STYLES, Chart, keys_of
+from eomcheck.lab.show.chart import DARK_GROUND, STYLES, Chart, keys_of, on_dark
 from eomcheck.lab.show.table import ResultTable, environment, ranges, render
 from eomcheck.lab.store.record_file import Record, group
 from eomcheck.lab.store.validation_runs import PROOFS, RUNS, STATES, StoredFinding
@@ -138,10 +138,8 @@ def _strata(overview: Overview) -> Section:
 
 # ---- HTML ----------------------------------------------------------------------------------------
 
-LIGHT, DARK = "#ffffff", "#15181c"
+LIGHT, DARK = "#ffffff", DARK_GROUND
 """Backgrounds of the page."""
-CONTRAST = 4.0
-"""Least contrast ratio of a formulation's colour with the background (WCAG asks 3 of graphics)."""
 
 
 def check_installed() -> None:
@@ -160,7 +158,7 @@ def write_page(overview: Overview, path: Path) -> None:
     """
     from eomcheck.lab.show.chart_plotly import chart_json, plotly_js
 
-    sections = [(s, s.charts()) for s in sections_of(overview)]
+    sections = [(s, [x for x in s.charts() if x.on_page]) for s in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
     viewers = _viewers(overview)
     page = render(
@@ -223,43 +221,6 @@ def _linked_findings(judged: ClaimSummary) -> list[StoredFinding]:
     """Return the failed findings of a claim, and the worst of each scene and level."""
     groups = judged.by(lambda row: (row.scene, row.level)).values()
     return [*judged.failed, *(s.worst for s in groups if s.worst is not None)]
-
-
-# ---- Colours in the dark -------------------------------------------------------------------------
-
-
-def on_dark(color: str) -> str:
-    """Return a colour for the dark page: white for black, others lightened up to `CONTRAST`."""
-    rgb = _rgb(color)
-    if rgb == (0.0, 0.0, 0.0):
-        return "#ffffff"
-    white = 0.0
-    while contrast(_hex(_mixed(rgb, white)), DARK) < CONTRAST:
-        white += 0.05
-    return _hex(_mixed(rgb, white))
-
-
-def contrast(first: str, second: str) -> float:
-    """Return the contrast ratio of two colours "#rrggbb", 1 to 21 (WCAG 2)."""
-    high, low = sorted((_luminance(first), _luminance(second)), reverse=True)
-    return (high + 0.05) / (low + 0.05)
-
-
-def _rgb(color: str) -> tuple[float, ...]:
-    return tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
-
-
-def _hex(rgb: tuple[float, ...]) -> str:
-    return "#" + "".join(f"{round(255 * x):02x}" for x in rgb)
-
-
-def _mixed(rgb: tuple[float, ...], white: float) -> tuple[float, ...]:
-    return tuple((1 - white) * x + white for x in rgb)
-
-
-def _luminance(color: str) -> float:
-    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in _rgb(color)]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 # ---- Markdown ------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ headings. A `Chart` holds one or the other for every combination of choices: a p
 combination at a time (`chart_plotly`), a figure in a file shows a grid of them
 (`chart_matplotlib`). A line has no color of its own: its key (a formulation, an integrator, ...)
 selects one of `STYLES`, so that the same key has the same color, marker and dashes in every chart.
+Colors are those for a light ground; `on_dark` returns the color for a dark one.
 """
 
 from __future__ import annotations
@@ -47,13 +48,14 @@ class Line(NamedTuple):
         x: abscissae, or categories of the axis.
         y: ordinates.
         hover_text: lines of text at each point, shown by a page on hover; or nothing.
-        label: text in the legend, by default the key.
+        label: text in the legend, by default the key, and the name of its formulation.
         dashed: whether it is dashed, regardless of its style.
         hollow: flags of points with hollow markers, by default none.
         joined: whether its points are joined.
         every: (first, step) of the points with markers, if there are many.
         appearance: "line", "thin" or "dotted" without markers, or only markers: "crosses", for
-            values that could not be measured, or red "rings".
+            values that could not be measured, or red "rings". "dotted" and "crosses" with a label
+            stand for all keys: their mark in the legend is grey.
     """
 
     key: str
@@ -90,7 +92,6 @@ class Panel:
         unknown: ordinate below which the true value is not known, drawn in grey.
         marks: abscissae of dotted vertical lines.
         level: ordinate of a horizontal line.
-        legend: whether the legend of its lines stands in it, not above all panels.
         bad: range of ordinates in which no result is good, drawn in grey.
         equal: whether a unit is as long on both axes.
         bands: areas below the lines, each darker than the one before.
@@ -103,7 +104,6 @@ class Panel:
     unknown: float | None = None
     marks: Sequence[float] = ()
     level: float | None = None
-    legend: bool = False
     bad: tuple[float, float] | None = None
     equal: bool = False
     bands: Sequence[Band] = ()
@@ -139,6 +139,9 @@ class Box(NamedTuple):
 class Heat:
     """Heat map: rows of boxes, under headings that some of them share.
 
+    In a figure boxes are bars as high as their values, in a tile for each heading and row; a steep
+    one has colored boxes.
+
     Attributes:
         columns: heading -> number of boxes below it, in each row.
         rows: label of a row -> key of its formulation, its boxes or None for no box.
@@ -147,8 +150,8 @@ class Heat:
         hatched: meaning of hatching.
         framed: meaning of a frame.
         title: text above it.
-        steep: whether headings are upright and letters small, without a color scale: for a figure
-            as wide as a telephone.
+        beyond: meaning of a value from the limit on, without a frame.
+        steep: whether its boxes are colored in a figure, with upright headings.
     """
 
     columns: Mapping[str, int]
@@ -158,7 +161,23 @@ class Heat:
     hatched: str
     framed: str
     title: str = ""
+    beyond: str = ""
     steep: bool = False
+
+    def under(self, head: str) -> list[Sequence[Box | None]]:
+        """Return the boxes below a heading, of each row."""
+        counts = list(self.columns.values())
+        start = sum(counts[: [*self.columns].index(head)])
+        return [boxes[start : start + self.columns[head]] for _, boxes in self.rows.values()]
+
+    @property
+    def flat(self) -> list[str]:
+        """Headings below which every result is good: no box is hatched, framed or at the limit."""
+
+        def good(box: Box | None) -> bool:
+            return box is None or not (box.hatched or box.framed or box.value >= self.limit)
+
+        return [head for head in self.columns if all(good(x) for y in self.under(head) for x in y)]
 
     @property
     def edges(self) -> list[float]:
@@ -193,10 +212,10 @@ class Chart:
         lists: names of the lists of choices.
         panels: the choice from each list -> panel.
         grid: rows of choices that a figure shows. By default the last list runs along rows.
-        size: width and height of a panel in a figure, in.
+        height: height of a row of panels in a figure, in.
         hollow: meaning of a hollow marker.
-        parts: figures in files of their own, if there are several, or if one stands in a file with
-            other charts.
+        parts: figures in files of their own, if there are several.
+        on_page: whether a page shows it too.
     """
 
     name: str
@@ -204,9 +223,10 @@ class Chart:
     lists: Sequence[str]
     panels: Mapping[tuple[str, ...], Panel | Heat]
     grid: Sequence[Sequence[tuple[str, ...]]] = ()
-    size: tuple[float, float] = field(default=(3.2, 3.1), compare=False)
+    height: float = field(default=2.4, compare=False)
     hollow: str = ""
     parts: Sequence[File] | None = None
+    on_page: bool = True
 
     @property
     def choices(self) -> dict[str, list[str]]:
@@ -215,7 +235,7 @@ class Chart:
         return {name: list(dict.fromkeys(c[i] for c in self.panels)) for i, name in columns}
 
     def files(self) -> list[Chart]:
-        """Return the charts to draw into files, one each; charts of one name share a file."""
+        """Return the charts to draw into files, one each."""
         if self.parts is None:
             return [self]
         return [replace(self, **part._asdict(), parts=None) for part in self.parts]
@@ -243,10 +263,10 @@ def keys_of(charts: Iterable[Chart]) -> list[str]:
 # ---- Styles of lines -----------------------------------------------------------------------------
 
 PALETTE = (
-    # Okabe and Ito's, safe for colour-blind readers, without its yellow, too pale on white;
-    # then Tol's wine, and two to spare
-    *("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7"),
-    *("#56B4E9", "#D55E00", "#882255", "#999933", "#888888"),
+    # Okabe and Ito's, safe for colour-blind readers, without its yellow, too pale on white, and
+    # with darker orange and sky blue; then Tol's wine, and two to spare
+    *("#000000", "#0072B2", "#C08400", "#009E73", "#CC79A7"),
+    *("#3A96D2", "#D55E00", "#882255", "#999933", "#888888"),
 )
 WRONG = "#B00020"
 """Color of a violation: a limit exceeded, an unreported error."""
@@ -272,10 +292,10 @@ class Style(NamedTuple):
 
 _SIGNS = tuple(
     zip(
-        "osD^vP*Xh<",
+        "osD^vP*>h<",
         (
             *("circle", "square", "diamond", "triangle-up", "triangle-down"),
-            *("cross", "star", "x", "hexagon", "triangle-left"),
+            *("cross", "star", "triangle-right", "hexagon", "triangle-left"),
         ),
         strict=True,
     )
@@ -292,7 +312,7 @@ STYLES |= {
     "one sign flipped": Style(WRONG, "x", "x-thin-open"),
     "allowed by rounding": Style(PALETTE[-1], "_", "line-ew-open"),
     "drawn at random": Style(PALETTE[1], "s", "square"),
-    "climbed to": Style(PALETTE[6], "o", "circle"),
+    "by hill climbing": Style(PALETTE[6], "o", "circle"),
     "error": Style(PALETTE[1], "", ""),
     "allowed": Style(PALETTE[-1], "", ""),
     "energy": Style(PALETTE[0], "", ""),
@@ -302,3 +322,51 @@ STYLES |= {
 }
 """Key of a formulation, an integrator or another line -> its style; implicit integrators are
 dashed."""
+
+
+def spelled_out(key: str) -> str:
+    """Return the legend text of a key: that of a formulation has its name in the registry."""
+    name = FORMULATIONS[key].name if key in FORMULATIONS else key
+    return key if name.lower() == key.lower() else f"{key}: {name}"
+
+
+# ---- Colors on a dark ground ---------------------------------------------------------------------
+
+DARK_GROUND = "#15181c"
+"""Ground of a dark page."""
+CONTRAST = 4.0
+"""Least contrast ratio of a line on a dark ground (WCAG asks 3 of graphics)."""
+
+
+def on_dark(color: str) -> str:
+    """Return a color for a dark ground: white for black, others lightened up to `CONTRAST`."""
+    rgb = _rgb(color)
+    if rgb == (0.0, 0.0, 0.0):
+        return "#ffffff"
+    white = 0.0
+    while contrast(_hex(_mixed(rgb, white)), DARK_GROUND) < CONTRAST:
+        white += 0.05
+    return _hex(_mixed(rgb, white))
+
+
+def contrast(first: str, second: str) -> float:
+    """Return the contrast ratio of two colors "#rrggbb", 1 to 21 (WCAG 2)."""
+    high, low = sorted((_luminance(first), _luminance(second)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def _rgb(color: str) -> tuple[float, ...]:
+    return tuple(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5))
+
+
+def _hex(rgb: tuple[float, ...]) -> str:
+    return "#" + "".join(f"{round(255 * x):02x}" for x in rgb)
+
+
+def _mixed(rgb: tuple[float, ...], white: float) -> tuple[float, ...]:
+    return tuple((1 - white) * x + white for x in rgb)
+
+
+def _luminance(color: str) -> float:
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in _rgb(color)]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

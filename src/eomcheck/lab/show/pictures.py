@@ -29,7 +29,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, em
-from eomcheck.lab.show.chart_matplotlib import plt
+from eomcheck.lab.show.chart_matplotlib import plt, save_picture
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Colors, Drawing, place_labels
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.parameters import with_parameters
@@ -412,20 +412,6 @@ def paint(axes: Any, drawing: Drawing) -> None:
             axes.annotate("", stroke.points[-1], stroke.points[-2], arrowprops=arrow)
     for at, color, size, fill in drawing.dots:
         axes.plot(*at, "o", color=color, ms=size, mfc=fill, mew=1.5)
-
-
-def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure; an SVG with a transparent background and reproducible bytes."""
-    with replacing(path) as beside:
-        save_figure(figure, beside, path.suffix.removeprefix("."))
-
-
-def save_figure(figure: Any, file: Any, format: str) -> None:
-    """Write a figure into a path or a binary file and close it."""
-    with plt.rc_context({"svg.hashsalt": "eomcheck"}):
-        svg = {"transparent": True, "metadata": {"Date": None}} if format == "svg" else {}
-        figure.savefig(file, format=format, **svg)
-        plt.close(figure)
 
 
 # ---- Mechanisms ----------------------------------------------------------------------------------

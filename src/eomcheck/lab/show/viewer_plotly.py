@@ -26,12 +26,12 @@ from eomcheck.atomic_write import write_text
 from eomcheck.evaluation.dynamics import acceleration
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.chart_matplotlib import save_figure
 from eomcheck.lab.show.chart_plotly import go, plotly_js
 from eomcheck.lab.show.pictures import (
     SAME,
     motion_to_draw,
     moving_state,
-    save_figure,
     scene_figure,
     sketch_of,
 )

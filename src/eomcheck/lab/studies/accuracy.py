@@ -242,35 +242,41 @@ def alarm(records: Sequence[Record]) -> bool:
 
 
 def charts(records: Sequence[Record]) -> Iterator[Chart]:
-    """Yield certified digits over the number of links, and the distribution of error / (κ ε
-    scale).
-    """
+    """Yield the distributions of certified digits and of error / (κ ε scale)."""
     solved = [one for one in rows_in(records, Delivered) if one.refused is None]
     digits, shares = [], []
-    for key, aside in zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True):
+    for key in FORMULATIONS:
         mine = [one for one in solved if one.key == key]
-        at = [one.links + float(aside) for one in mine]
-        digits.append(Line(key, at, [one.digits for one in mine], joined=False))
-        ratios = sorted(max(ratio, FLOOR) for ratio in _numbers(mine, "ratio"))
-        steps = [k / max(len(ratios), 1) for k in range(len(ratios) + 1)]
-        x, y = np.repeat(ratios, 2).tolist(), np.repeat(steps, 2)[1:-1].tolist()
-        shares.append(Line(key, x, y, every=(0, max(len(x), 1))))
+        digits.append(_distribution(key, (one.digits for one in mine)))
+        ratios = (max(ratio, FLOOR) for ratio in _numbers(mine, "ratio"))
+        shares.append(_distribution(key, ratios))
+    share = Axis("share of states", range=(0, 1.05))
     panels = {
         ("digits",): Panel(
-            Axis("number of links N"),
-            Axis("decimal digits of q̈ that are right", range=(0, 16.5)),
+            Axis("decimal digits of q̈ that are right"),
+            share,
             digits,
-            "What doubles deliver, against the enclosed truth",
+            "Digits that float64 delivers, at most",
         ),
         ("share of states",): Panel(
             Axis("true error / (κ ε scale)", log=True),
-            Axis("share of states", range=(0, 1.05)),
+            share,
             shares,
-            f"What κ ε predicts, and what is lost (dotted: C = {C:g})",
+            f"Error over its prediction, at most (dotted: C = {C:g})",
             marks=(C,),
         ),
     }
-    yield Chart("accuracy", "Accuracy", ["diagram"], panels, size=(6, 4.2))
+    title = "Errors of float64 against ball arithmetic, over random states"
+    grid = [[chosen] for chosen in panels]
+    yield Chart("accuracy", title, ["diagram"], panels, grid, height=2.5)
+
+
+def _distribution(key: str, numbers: Iterable[float]) -> Line:
+    """Return the share of numbers up to each of them, as a line of steps."""
+    ordered = sorted(numbers)
+    steps = [k / max(len(ordered), 1) for k in range(len(ordered) + 1)]
+    x, y = np.repeat(ordered, 2).tolist(), np.repeat(steps, 2)[1:-1].tolist()
+    return Line(key, x, y, every=(len(x) // 2, max(len(x), 1)))
 
 
 STUDY = Study(

@@ -323,8 +323,7 @@ def _charts_of(named: Mapping[str, ResultTable]) -> Iterator[Chart]:
         heads = dict.fromkeys(engines, 1)
         heat = Heat(heads, boxes, colors, 1.0, "not judged", "differs", steep=True)
         title = "Robots on which it differs; pale: agrees on all; no box: not computed"
-        size = (1.9 + 0.17 * len(engines) - 0.6, 0.19 * len(boxes) + 1.0)
-        yield Chart("conformance", title, ["figure"], {("all",): heat}, size=size)
+        yield Chart("conformance", title, ["figure"], {("all",): heat})
 
 
 def _box(cell: str, wrong: int) -> Box | None:

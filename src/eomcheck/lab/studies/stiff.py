@@ -488,8 +488,8 @@ def _work_precision(records: Sequence[Record]) -> Chart:
             if integrator in values(mine, "integrator")
         ]
         x = Axis("CPU time / s", log=True)
-        y = Axis(f"{problem}\nrelative error", log=True, range=(1e-13, 3.0))
-        title = f"k = {k:.0e} N m/rad"
+        y = Axis("relative error", log=True, range=(1e-13, 3.0))
+        title = f"{problem}, k = {k:.0e} N m/rad"
         panels[problem, f"{k:.0e}"] = Panel(x, y, lines, title, mine[0].errors["floor"])
     shown = stiffnesses[:: max(1, (len(stiffnesses) - 1) // 3)][:4]
     return Chart(
@@ -497,8 +497,8 @@ def _work_precision(records: Sequence[Record]) -> Chart:
         "Error against CPU time, Kane's formulation",
         ["joints", "k / (N m/rad)"],
         panels,
-        [[(problem, f"{k:.0e}") for k in shown] for problem in PROBLEMS],
-        size=(2.9, 3.1),
+        [[(problem, f"{k:.0e}") for problem in PROBLEMS] for k in shown],
+        height=2.0,
     )
 
 
@@ -525,11 +525,11 @@ def _cost_over_stiffness(records: Sequence[Record]) -> Chart:
             STIFFNESS,
             Axis(label, log=True),
             lines,
-            f"{problem}: to a relative error of {target:.0e}",
+            f"{problem}, to an error of {target:.0e}",
             marks=[] if stiffness is None else [stiffness],
         )
     title = "Cost over stiffness, Kane's formulation; dotted: implicit integrators are cheaper on"
-    return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
+    return Chart("stiff-cost", title, ["cost", "joints"], panels)
 
 
 def _saved(records: Sequence[Record]) -> Chart:
@@ -537,22 +537,23 @@ def _saved(records: Sequence[Record]) -> Chart:
     time.
     """
     panels, pairs = {}, group(_pairs(records), lambda one: one[:2])
-    for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
+    tolerances = sorted({tolerance for _, tolerance in pairs}, reverse=True)
+    for (what, label), tolerance in product({RATES: RATES, "seconds": "time"}.items(), tolerances):
         lines = [
             line_of(
                 integrator,
                 line,
                 lambda one: one[2],
                 lambda one: run_cost(one[3][1], what) / run_cost(one[3][0], what),  # noqa: B023
-                label=f"{integrator}, rtol {tolerance:.0e}",
-                dashed=tolerance == max(t for _, t in pairs),
             )
-            for (integrator, tolerance), line in pairs.items()
+            for (integrator, rtol), line in pairs.items()
+            if rtol == tolerance
         ]
-        y = Axis("exact Jacobian over differences", range=(0, None))
-        panels[(label,)] = Panel(STIFFNESS, y, lines, label, level=1.0)
-    title = "What exact Jacobians leave of the cost of finite differences (SciPy, damped)"
-    return Chart("stiff-jacobians", title, ["cost"], panels, size=(4.1, 3.4))
+        y = Axis(f"ratio of {label}", range=(0, None))
+        at = f"rtol {tolerance:.0e}"
+        panels[label, at] = Panel(STIFFNESS, y, lines, at, level=1.0)
+    title = "Exact Jacobians: cost over that with finite differences (SciPy, damped)"
+    return Chart("stiff-jacobians", title, ["cost", "tolerance"], panels, height=2.0)
 
 
 TRUTHS = Study(

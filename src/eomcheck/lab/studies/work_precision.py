@@ -308,7 +308,7 @@ def _absent(name: str, errors: Iterable[str]) -> str:
 def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the errors of each scene against run time and right-hand sides."""
     integrators = values(records, "integrator")
-    several = "-scenes" if len(values(records, "reference")) > 1 else ""
+    several = len(values(records, "reference")) > 1
     for name, mine in by_setting(records, "reference").items():
         done = select(mine)
         errors = errors_shown(done)
@@ -331,13 +331,13 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
             f"{what}; {missing}" if missing else what,
             ["integrator", "error", "against"],
             panels,
-            size=(2.6, 2.5),
+            height=2.0,
             hollow="disturbed",
             parts=[
                 File(
-                    f"work-precision{several}{end}",
+                    f"work-precision{f'-{name}' if several else ''}{end}",
                     f"{name}\n{missing}" if missing else name,
-                    [[(i, label, axis.title) for i in integrators] for label in errors.values()],
+                    [[(i, label, axis.title) for label in errors.values()] for i in integrators],
                 )
                 for axis, end in zip(AGAINST.values(), ("", "-rhs"), strict=True)
             ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -200,20 +201,17 @@ def _claims(records: Iterable[Record]) -> ResultTable:
 # ---- Charts --------------------------------------------------------------------------------------
 
 NORMS = {
-    "constraint": Axis("norm of the constraint error / (m/s)", log=True),
-    "energy": Axis("norm of the energy error / J", log=True),
-    "cpu_seconds": Axis("CPU time of a motion / s", log=True),
+    "constraint": Axis("error norm / (m/s)", log=True),
+    "energy": Axis("error norm / J", log=True),
+    "cpu_seconds": Axis("CPU time / s", log=True),
 }
 LINKS = Axis("number of links N", log=True, ticks=(2, 5, 10, 20, 50, 100))
 TIME = Axis("t / s")
 OVER_TIME = {
-    "constraint error": (
-        Axis("constraint error ‖c‖ / (m/s)", log=True),
-        Axis("enlarged / (m/s)", own=True),
-    ),
+    "constraint error": (Axis("‖c‖ / (m/s)", log=True),),
     "energy error": (
-        Axis("energy error |T + U - E₀| / J", log=True),
-        Axis("enlarged: (T + U - E₀) / J", own=True),
+        Axis("|T + U - E₀| / J", log=True),
+        Axis("T + U - E₀ of em, ml, kane / J", own=True),
     ),
 }
 PARTS = "all formulations", "velocity level, enlarged"
@@ -225,7 +223,6 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
     solvers = [*map(str, paper_records.solvers)]
     if not solvers:
         return
-    width = max(3.4, 5.4 / len(solvers))
     yield Chart(
         "paper",
         "Figs. 5 to 7: one line a formulation, one point a number of links",
@@ -239,36 +236,32 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
                     *_unfinished(paper_records, quantity, solver),
                 ],
                 str(solver),
-                legend=quantity == "cpu_seconds",
             )
             for (quantity, label), solver in product(QUANTITIES.items(), paper_records.solvers)
         },
-        size=(width, 3.5),
         parts=[
-            File(f"paper-fig{figure}", label, [[(label, solver) for solver in solvers]])
+            File(
+                f"paper-fig{figure}",
+                f"Fig. {figure}: {label} of the coil, over the number of links",
+                [[(label, solver)] for solver in solvers],
+            )
             for figure, label in enumerate(QUANTITIES.values(), 5)
         ],
     )
     if PAPER_LINKS in paper_records.links:
-        yield _over_time(paper_records, solvers, width)
+        yield _over_time(paper_records, solvers)
 
 
 def _norms(records: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
-    """Yield a line per formulation; labels of CPU times contain the fitted power of N."""
+    """Yield a line per formulation, with a gap where a motion was not finished."""
     for key in records.formulations:
-        powers = growth(records, key) if quantity == "cpu_seconds" else []
-        fitted = len(powers) == len(records.solvers)
-        yield line_of(
-            key,
-            [r for links in records.links if (r := records.finished(links, key, solver))],
-            _links,
-            lambda r: max(
-                records.value(quantity, _links(r), r.settings["formulation"], solver) or 0.0,
-                NOTHING,
-            ),
-            _hover_text,
-            label=f"{key} ~ N$^{{{powers[records.solvers.index(solver)]:.2f}}}$" if fitted else key,
-        )
+        y, hover = [], []
+        for links in records.links:
+            record = records.finished(links, key, solver)
+            value = records.value(quantity, links, key, solver)
+            y.append(math.nan if value is None else max(value, NOTHING))
+            hover.append([] if record is None else _hover_text(record))
+        yield Line(key, records.links, y, hover)
 
 
 def _links(record: Record) -> int:
@@ -300,7 +293,7 @@ def _unfinished(records: PaperRecords, quantity: str, solver: Solver) -> Iterato
                 _links,
                 lambda one: height[_links(one)],
                 lambda one: [", ".join(_what(one)), f"{one.status}: {one.reason}"],
-                label="not finished",
+                label="not finished, in the color of its line",
                 appearance="crosses",
             )
 
@@ -317,13 +310,13 @@ def _hover_text(record: Record) -> list[str]:
     ]
 
 
-def _over_time(records: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
+def _over_time(records: PaperRecords, solvers: Sequence[str]) -> Chart:
     """Return the chart of the robot's errors: all formulations, and enlarged those at velocity
     level.
     """
     panels = {}
     for (error, axes), solver in product(OVER_TIME.items(), records.solvers):
-        for part, y in zip(PARTS, axes, strict=True):
+        for part, y in zip(PARTS, axes, strict=False):
             lines = []
             for i, key in enumerate(records.formulations):
                 record = records.finished(PAPER_LINKS, key, solver)
@@ -342,12 +335,14 @@ def _over_time(records: PaperRecords, solvers: Sequence[str], width: float) -> C
         f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links over time",
         ["error", "shown", "solver"],
         panels,
-        size=(width, 2.8),
+        height=2.1,
         parts=[
             File(
-                f"paper-fig{figure}", error, [[(error, part, s) for s in solvers] for part in PARTS]
+                f"paper-fig{figure}",
+                f"Fig. {figure}: {error} of the robot of {PAPER_LINKS} links",
+                [[(error, part, s) for part in PARTS[: len(axes)]] for s in solvers],
             )
-            for figure, error in enumerate(OVER_TIME, 3)
+            for figure, (error, axes) in enumerate(OVER_TIME.items(), 3)
         ],
     )
 
@@ -357,8 +352,8 @@ def _over_time(records: PaperRecords, solvers: Sequence[str], width: float) -> C
 FRAMES_PER_SECOND = 10
 EVERY = 2
 """Number of output times per frame."""
-GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
-"""Greys of the poses of Fig. 2, the last one darkest."""
+FADED = 0.22
+"""Opacity of the first pose of Fig. 2; the last one is opaque."""
 
 
 def write_robot(records: Sequence[Record], folder: Path) -> list[Path]:
@@ -366,10 +361,14 @@ def write_robot(records: Sequence[Record], folder: Path) -> list[Path]:
     record = robot_motion(PaperRecords(records))
     if record is None:
         return []
-    poses, moving = folder / "paper-fig2.png", folder / "paper-fig2.gif"
-    _draw_poses(record, poses)
+    from eomcheck.lab.show.chart_matplotlib import both_paths
+    from eomcheck.lab.show.sketch_drawing import DARK, LIGHT
+
+    poses, moving = both_paths(folder, "paper-fig2"), folder / "paper-fig2.gif"
+    for path, colors in zip(poses, (LIGHT, DARK), strict=True):
+        _draw_poses(record, path, colors)
     _animate(record, moving)
-    return [poses, moving]
+    return [*poses, moving]
 
 
 def _link_ends(record: Record) -> np.ndarray:
@@ -380,12 +379,12 @@ def _link_ends(record: Record) -> np.ndarray:
     return np.array([link_ends(length, np.array(q)) for q in record.series["q"]])
 
 
-def _snake(axes: Any, ends: np.ndarray, color: str) -> list[Any]:
+def _snake(axes: Any, ends: np.ndarray, color: str, ground: str = "white") -> list[Any]:
     """Draw one pose: links that grow thinner towards the tail, and the head as a ring."""
     drawn = []
     for i, width in enumerate(np.linspace(5.5, 1.8, len(ends) - 1)):
         drawn += axes.plot(*ends[i : i + 2].T, color=color, lw=width, solid_capstyle="round")
-    return drawn + axes.plot(*ends[:1].T, "o", color="white", mec=color, mew=2, ms=9)
+    return drawn + axes.plot(*ends[:1].T, "o", color=ground, mec=color, mew=2, ms=9)
 
 
 def _label_plane(axes: Any) -> None:
@@ -395,18 +394,24 @@ def _label_plane(axes: Any) -> None:
     axes.grid(alpha=0.25)
 
 
-def _draw_poses(record: Record, path: Path) -> None:
-    from eomcheck.lab.show.chart_matplotlib import plt, save_chart
+def _draw_poses(record: Record, path: Path, colors: Any) -> None:
+    from matplotlib.colors import to_hex, to_rgb
 
-    figure, axes = plt.subplots(figsize=(7.7, 6.0), layout="constrained")
+    from eomcheck.lab.show.chart_matplotlib import WIDTH, plt, save_picture, settings_on
+
     ends, times = _link_ends(record), np.array(record.series["times"])
-    for time, color in zip(POSES, GREYS, strict=True):
-        _snake(axes, ends[int(np.abs(times - time).argmin())], color)
-        axes.plot([], [], color=color, lw=4, label=f"t = {time:g} s")
-    axes.plot(*ends[:, 0].T, "--", color="#D55E00", lw=1.4, label="path of the head")
-    _label_plane(axes)
-    figure.legend(loc="outside right upper", frameon=False)
-    save_chart(figure, path, dpi=110)
+    ink, ground = np.array(to_rgb(colors.ink)), np.array(to_rgb(colors.ground))
+    with plt.rc_context(settings_on(colors)):
+        figure, axes = plt.subplots(figsize=(WIDTH, WIDTH), layout="constrained")
+        for time, share in zip(POSES, np.linspace(FADED, 1.0, len(POSES)), strict=True):
+            color = to_hex(share * ink + (1 - share) * ground)
+            pose = ends[int(np.abs(times - time).argmin())]
+            _snake(axes, pose, color, colors.ground)
+            axes.plot([], [], color=color, lw=4, label=f"t = {time:g} s")
+        axes.plot(*ends[:, 0].T, "--", color=colors.constraint, lw=1.4, label="path of the head")
+        _label_plane(axes)
+        figure.legend(loc="outside upper center", ncols=3, frameon=False)
+        save_picture(figure, path)
 
 
 def _animate(record: Record, path: Path) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, NamedTuple
@@ -30,7 +31,7 @@ from eomcheck.evaluation.certified import (
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
-from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
+from eomcheck.lab.show.chart import Axis, Box, Chart, Heat, Line, Panel, in_rows, spelled_out
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group
 from eomcheck.lab.studies.stability.families import FAMILIES, Family, Posed
@@ -434,7 +435,7 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the heat map of each part, and digits lost over severity: all methods, or one by its
     variants.
 
-    A single scene has a figure per family, with a panel per method.
+    A single scene has a figure per family, with a panel for methods that break alike.
     """
     atlas = atlas_of(records)
     if not atlas:
@@ -446,19 +447,11 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
         title = FAMILIES[family].title
         panels[title, ALL] = _panel(family, of)
         panels |= {(title, m.name): _panel(family, {m: mine}, m.name) for m, mine in of.items()}
-    _, alone = next(parts(atlas))
-    files = [
-        File(
-            f"stability-{family}",
-            title := FAMILIES[family].title,
-            in_rows([(title, method.name) for method in of], (len(of) + 1) // 2),
-        )
-        for family, of in alone.items()
-        if len(scenes_of(alone)) == 1
-    ]
     title = "Digits lost in the worst variant; crosses above are refusals"
-    lists = ["family", "method"]
-    yield Chart("stability-families", title, lists, panels, size=(2.4, 2.3), parts=files)
+    yield Chart("stability-families", title, ["family", "method"], panels, parts=[])
+    _, alone = next(parts(atlas))
+    if len(scenes_of(alone)) == 1:
+        yield from (_breaks_of(family, of) for family, of in alone.items())
 
 
 def _heat_map(name: str, part: Atlas) -> Chart:
@@ -482,18 +475,10 @@ def _heat_map(name: str, part: Atlas) -> Chart:
             "refused",
             "silently wrong",
             scene if len(scenes) > 1 else "",
+            f"error above {NOTICEABLE:g}, reported by the bound",
         )
-    most = max(len(heat.columns) for heat in panels.values())
-    tall = max(len(heat.rows) for heat in panels.values())
-    box = (1.1, 0.42) if len(scenes) == 1 else (1.0, 0.26)
-    return Chart(
-        name,
-        "Boxes from mild to severe, darker where more digits are lost; none: does not apply",
-        ["scene"],
-        panels,
-        in_rows([(scene,) for scene in scenes], 2),
-        size=(box[0] * most + 1.0, box[1] * tall + 1.1),
-    )
+    title = "Digits lost (tiles: 0 to 16), from mild states to severe ones"
+    return Chart(name, title, ["scene"], panels, [[(scene,)] for scene in scenes])
 
 
 def _severities(family: str, methods: dict[Method, list[Step]]) -> list[float]:
@@ -509,7 +494,7 @@ def _box(method: Method, step: Step | None) -> Box | None:
 
 
 def _at(severity: float) -> str:
-    return f"{severity:.4g}"
+    return f"{severity:.3g}"
 
 
 def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> Panel:
@@ -524,6 +509,60 @@ def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> P
     return Panel(x, y, lines, title, bad=(LIMIT, FLOAT64_DIGITS))
 
 
+def _breaks_of(family: str, methods: dict[Method, list[Step]]) -> Chart:
+    """Return the figure of a family: a panel for methods that break alike, the others are named;
+    where none breaks, a panel for all.
+    """
+    breaking = [one for one, mine in methods.items() if break_of(mine) is not None]
+    others = [one for one in methods if one not in breaking]
+    alike = group(
+        breaking or others, lambda one: tuple((x.worst, x.refused > 0) for x in methods[one])
+    ).values()
+    panels = {}
+    for names in alike:
+        mine = {method: methods[method] for method in names}
+        title = "; ".join(method.name for method in names)
+        panels[(title,)] = replace(
+            _panel(family, mine), lines=[*_predicted(mine), *_together(mine)], title=title
+        )
+    title = FAMILIES[family].title
+    if others:
+        worst = lost_in(step for method in others for step in methods[method])
+        rest = "; ".join(method.name for method in others)
+        title += f"\nflat, at most {worst:.1f} digits lost: {rest if breaking else 'all methods'}"
+    grid = in_rows([*panels], 2)
+    return Chart(f"stability-{family}", title, ["methods"], panels, grid, 1.9, on_page=False)
+
+
+def _together(methods: dict[Method, list[Step]]) -> Iterator[Line]:
+    """Yield the worst variant of several methods; nothing where a variant is refused."""
+    for row, (method, mine) in enumerate(methods.items()):
+        for line in _lines(method, mine, CROSSES + STEP * row, alone=False):
+            whole = [
+                x if step.refused == 0 else math.nan for x, step in zip(line.y, mine, strict=False)
+            ]
+            pivoted = f"{spelled_out(method.key)}, pivoted" if method.pivoted else ""
+            crosses = line.appearance == "crosses"
+            yield line if crosses else line._replace(y=whole, label=pivoted, hollow=())
+        yield from _silent(method, mine)
+
+
+def _predicted(methods: dict[Method, list[Step]]) -> Iterator[Line]:
+    """Yield the most digits lost by the prediction κ ε of any of the methods."""
+    steps = zip(*methods.values(), strict=True)
+    worst = [max(steps_at, key=lambda step: step.predicted) for steps_at in steps]
+    y = [math.nan if step.refused else step.predicted for step in worst]
+    x = [_at(step.severity) for step in worst]
+    yield Line(next(iter(methods)).key, x, y, label="predicted by κ ε", appearance="dotted")
+
+
+def _silent(method: Method, mine: list[Step]) -> Iterator[Line]:
+    """Yield the rings around silently wrong results."""
+    if wrong := [step for step in mine if step.worst is CellOutcome.SILENT]:
+        at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
+        yield Line(method.key, at, y, label="silently wrong", appearance="rings")
+
+
 def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iterator[Line]:
     """Yield the worst variant of a method and, if `alone`, the prediction by κ ε and each
     variant.
@@ -535,14 +574,11 @@ def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iter
     if alone:
         # Where some variant is refused, the worst of the others would seem a recovery.
         lost = [math.nan if step.refused else step.lost for step in mine]
-        predicted = [math.nan if step.refused else step.predicted for step in mine]
-        yield Line(key, x, predicted, label="foreseen by κ ε", appearance="dotted")
+        yield from _predicted({method: mine})
         for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
             y = [_lost_by(variant, step) for step in mine]
             yield Line(key, x, y, label="each variant", appearance="thin")
-        if wrong := [step for step in mine if step.worst is CellOutcome.SILENT]:
-            at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
-            yield Line(key, at, y, label="silently wrong", appearance="rings")
+        yield from _silent(method, mine)
     partly = [step.refused > 0 for step in mine]
     yield Line(key, x, lost, hover, "worst variant", dashed=method.pivoted, hollow=partly)
     if any(partly):
@@ -570,7 +606,7 @@ def _hover_text(method: Method, step: Step) -> list[str]:
         f"{solved} of {len(step.records)} variants solved",
     ]
     if solved and not math.isnan(step.lost):
-        lines.append(f"{step.lost:.1f} digits lost, {step.predicted:.1f} foreseen by κ ε")
+        lines.append(f"{step.lost:.1f} digits lost, {step.predicted:.1f} predicted by κ ε")
     if step.worst in WORDS:
         lines.append(WORDS[step.worst])
     reasons = dict.fromkeys(record.reason for record in step.records if record.reason)
