@@ -522,8 +522,9 @@ def _breaks_of(family: str, methods: dict[Method, list[Step]]) -> Chart:
     for names in alike:
         mine = {method: methods[method] for method in names}
         title = "; ".join(method.name for method in names)
+        lines = [*_predicted(mine), *_together(mine)]
         panels[(title,)] = replace(
-            _panel(family, mine), lines=[*_predicted(mine), *_together(mine)], title=title
+            _panel(family, mine), lines=lines, title=title if len(alike) > 1 else ""
         )
     title = FAMILIES[family].title
     if others:
@@ -531,7 +532,8 @@ def _breaks_of(family: str, methods: dict[Method, list[Step]]) -> Chart:
         rest = "; ".join(method.name for method in others)
         title += f"\nflat, at most {worst:.1f} digits lost: {rest if breaking else 'all methods'}"
     grid = in_rows([*panels], 2)
-    return Chart(f"stability-{family}", title, ["methods"], panels, grid, 1.9, on_page=False)
+    height = 1.9 if len(panels) > 1 else 2.4
+    return Chart(f"stability-{family}", title, ["methods"], panels, grid, height, on_page=False)
 
 
 def _together(methods: dict[Method, list[Step]]) -> Iterator[Line]:
