@@ -153,8 +153,8 @@ WRONG = {
         EVERYTHING,
         {"T": lambda q, v: 2 * CART.T(q, v)},
         "T",
-        "kinetic energy T is wrong: kinetic-energy, bias-of-energy and power-balance fail, motion "
-        "passes; mass matrix, entry (q[",
+        "kinetic energy T is wrong: kinetic-energy, bias-of-energy and power-balance fail; mass "
+        "matrix, entry (q[",
     ),
     "C": Wrong(
         "cart",

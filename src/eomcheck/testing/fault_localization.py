@@ -25,6 +25,7 @@ from eomcheck.claims.finding import EVERY_ROW, Finding, format_distinct
 from eomcheck.claims.registry import FUNCTION_CLAIMS
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
+from eomcheck.testing.called_functions import called_functions
 from eomcheck.testing.claims_derivatives import EXCHANGED
 from eomcheck.testing.claims_motions import FOLLOWS, is_nonzero
 from eomcheck.testing.claims_terms import row_names
@@ -385,7 +386,12 @@ def localize_faults(
         for finding in failed
         if finding.state is not None
     }
-    confirmed = confirmed_by(findings, points[0])
+    calls = called_functions({name: functions.function(name) for name in functions.given})
+    confirmed = {
+        name: claims
+        for name, claims in confirmed_by(findings, points[0]).items()
+        if not any(calls[name] & functions_read(functions, claim) for claim in claims)
+    }
     conflicts = []
     for finding in failed:
         names = suspects(functions, finding, where.get(id(finding)))
@@ -395,6 +401,7 @@ def localize_faults(
         conflicts.append(Conflict(finding, names, read))
     changed: dict[int, Finding] = {}
     unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
+    unsettled |= unsettled_by_calls(functions, calls)
     for blame in blames_of(findings, conflicts, unsettled, confirmed):
         own = [finding.finding for finding in blame.conflicts]
         cause = " or ".join(blame.causes)
@@ -406,7 +413,7 @@ def localize_faults(
             changed[id(finding)] = replace(
                 detailed, cause=cause, follows="" if finding is own[0] else own[0].claim
             )
-        text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
+        text, head = sentence(functions, blame, points[0], calls), changed[id(own[0])]
         about = "T" in blame.causes or ("bias" in blame.causes and not blame.certain)
         energy = rest_energy(where.get(id(own[0]))) if about else ""
         if energy:
@@ -491,6 +498,26 @@ def suspects(
     if _bias_follows_from_T(at):
         names |= {"T"}
     return _value_or(lambda: names & _suspects_by_parity(at, names), names) or names
+
+
+def unsettled_by_calls(
+    functions: EquationsOfMotion, calls: Mapping[str, frozenset[str]]
+) -> set[tuple[str, str]]:
+    """Return pairs (claim, function) that are not settled because one function calls the other.
+
+    A claim that reads both passes whatever the called one returns.
+
+    Args:
+        functions: the functions.
+        calls: see `called_functions`.
+    """
+    pairs: set[tuple[str, str]] = set()
+    for claim in SETTLES:
+        read = functions_read(functions, claim)
+        for caller, called in calls.items():
+            if caller in read and called & read:
+                pairs |= {(claim, name) for name in (caller, *called)}
+    return pairs
 
 
 def exchanged_functions(detail: str) -> frozenset[str]:
@@ -733,8 +760,20 @@ def settled_by(
     return settled
 
 
-def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> str:
-    """Return the conclusion as a sentence, "" where the first failure already holds all of it."""
+def sentence(
+    functions: EquationsOfMotion,
+    blame: Blame,
+    at: FunctionState,
+    calls: Mapping[str, frozenset[str]] = MappingProxyType({}),
+) -> str:
+    """Return the conclusion as a sentence, "" where the first failure already holds all of it.
+
+    Args:
+        functions: the functions.
+        blame: the conclusion.
+        at: one of the states.
+        calls: see `called_functions`; named where it is why a cause is not cleared.
+    """
     named = [
         INPUTS[x].what if INPUTS[x].what == x else f"{INPUTS[x].what} {x}" for x in blame.causes
     ]
@@ -747,7 +786,12 @@ def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> s
         return f"{text}{_nearest_detail(blame)}"
     inputs = distinguishing_inputs(functions, blame.causes, at)
     text = f"{' or '.join(named)} is wrong"
-    return f"{text}: {inputs} would tell" if inputs else text
+    text = f"{text}: {inputs} would tell" if inputs else text
+    if len(blame.causes) > 1:
+        for caller in sorted(calls.keys() - {*blame.causes}, key=list(INPUTS).index):
+            if called := [x for x in blame.causes if x in calls[caller]]:
+                return f"{text}; {caller} calls {' and '.join(called)}, and repeats any mistake"
+    return text
 
 
 def _nearest_detail(blame: Blame) -> str:

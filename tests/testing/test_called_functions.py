@@ -1,0 +1,141 @@
+"""Which functions call each other, by the names in their code."""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial, wraps
+from types import SimpleNamespace
+
+import numpy as np
+from tests.testing.own import guide
+
+from eomcheck.testing import check_functions
+from eomcheck.testing.called_functions import called_functions
+
+CART = guide("cart")
+NAMES = "M", "bias", "gravity", "qdd", "T", "U", "R"
+
+
+def calling(**functions) -> dict[str, set[str]]:
+    """Return the functions that call others: name -> names."""
+    return {name: {*others} for name, others in called_functions(functions).items() if others}
+
+
+def test_functions_of_a_module_call_those_that_they_name():
+    every = {name: getattr(CART, name) for name in NAMES}
+    assert calling(**every) == {"qdd": {"M", "bias", "gravity"}}
+
+
+def test_wrappers_of_one_call_stand_for_the_function_that_they_call():
+    assert calling(
+        M=lambda q: CART.M(q),
+        gravity=lambda q: CART.gravity(q),
+        qdd=lambda q, v: CART.qdd(q, v),
+        T=lambda q, v: 0.5 * v @ CART.M(q) @ v,
+        U=lambda q: CART.U(q),
+    ) == {"qdd": {"M", "gravity"}, "T": {"M"}}
+
+
+def test_methods_call_methods_of_their_object():
+    class Model:
+        size = 2.0
+
+        def M(self, q):
+            return self.scaled(np.eye(2))
+
+        def scaled(self, matrix):
+            return self.size * matrix
+
+        @staticmethod
+        def gravity(q):
+            return np.sin(q)
+
+        @property
+        def broken(self):
+            raise RuntimeError
+
+        def qdd(self, q, v):
+            self.broken  # noqa: B018
+            return np.linalg.solve(self.M(q), -self.gravity(q))
+
+        def energy(self, q, v):
+            return self.work(q, v)
+
+        def work(self, q, v):
+            return v @ self.M(q) @ v / 2
+
+    model = Model()
+    found = calling(M=model.M, gravity=model.gravity, qdd=model.qdd, T=model.energy, U=Model.work)
+    assert found == {"qdd": {"M", "gravity"}, "T": {"M"}}
+
+
+def test_decorators_arguments_and_closures_are_seen_through():
+    def decorated(function):
+        @wraps(function)
+        def inner(*arguments):
+            return np.asarray(function(*arguments))
+
+        return inner
+
+    def M_of(scale, q):
+        return scale * np.eye(len(q))
+
+    M, half = partial(M_of, 2.0), lru_cache(lambda q: 0.5 * q)
+    gravity = decorated(half)
+    found = calling(M=M, gravity=gravity, qdd=decorated(lambda q, v: -(M(q) @ gravity(q))))
+    assert found == {"qdd": {"M", "gravity"}}
+
+
+def test_functions_within_functions_and_helpers_are_followed():
+    def M(q):
+        return np.eye(2)
+
+    def inertia_force(q, v):
+        def inside():
+            return M(q) @ v
+
+        return inside()
+
+    loop = SimpleNamespace()
+    loop.again = lambda q, v: loop.again(q, v) + inertia_force(q, v)
+    assert calling(M=M, bias=lambda q, v: 2 * inertia_force(q, v), qdd=loop.again) == {
+        "bias": {"M"},
+        "qdd": {"M"},
+    }
+
+
+def test_functions_that_are_not_python_and_constants_call_nothing():
+    def later():
+        return unassigned  # noqa: F821
+
+    def waiting():
+        return assigned
+
+    assert calling(M=np.eye, bias=np.zeros(3), U=None, T=later, R=waiting, J={"tip": len}) == {}
+    assigned = 0.0
+    assert waiting() == assigned
+
+
+def test_functions_of_frames_are_those_of_one_input():
+    def M(q):
+        return np.eye(2)
+
+    assert calling(M=M, J={"a": lambda q: q + M(q), "b": np.eye}) == {"J": {"M"}}
+
+
+def test_a_function_that_calls_another_does_not_clear_it():
+    def gravity(q):
+        return CART.gravity(q) * [1.0, 1.0, -1.0]
+
+    def qdd(q, v):
+        forces = -CART.bias(q, v) - gravity(q) - np.array([CART.d * v[0], 0.0, 0.0])
+        return np.linalg.solve(CART.M(q), forces)
+
+    every = {name: getattr(CART, name) for name in NAMES}
+    right = check_functions(3, **every | {"qdd": qdd, "gravity": gravity})
+    (failed,) = (x for x in right if x.verdict == "failed")
+    assert failed.cause == "gravity or U"
+    assert "qdd calls gravity, and repeats any mistake" in failed.detail
+    # A q̈ of its own agrees with U, and so decides.
+    independent = check_functions(3, **every | {"gravity": gravity})
+    first, *_ = (x for x in independent if x.verdict == "failed")
+    assert first.cause == "gravity"
