@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import io
 import os
 import pickle
 import re
@@ -12,6 +13,7 @@ import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -292,18 +294,20 @@ def test_a_call_off_the_main_thread_that_does_not_return_is_interrupted(remote):
             return str(error)
 
     began = time.monotonic()
-    gone = "own.f gave no answer in {} s (test_supervised.py, line {})"
+    gone = "own.f gave no answer in {} (test_supervised.py, line {})"
+    first_limit = "1 s, 5 times the limit of 0.2 s for a first call"
     first, *others = in_thread(both)
-    assert first in [gone.format(1, line) for line in lines_of(busy)]
+    assert first in [gone.format(first_limit, line) for line in lines_of(busy)]
     assert others[::2] == ["done", "done"]
-    assert others[1] in [gone.format(0.2, line) for line in lines_of(busy)]
+    assert others[1] in [gone.format("0.2 s", line) for line in lines_of(busy)]
     assert time.monotonic() - began < 10
 
 
 def test_a_call_off_the_main_thread_without_an_answer_is_not_made_again(remote, monkeypatch):
     monkeypatch.setattr(calls, "_board", SimpleNamespace(barred={"own.g": (1, "died")}))
     gone = in_thread(said, "own.f", busy, 4.0)
-    assert without_line(gone) == "own.f gave no answer in 1 s"
+    first_limit = "1 s, 5 times the limit of 0.2 s for a first call"
+    assert without_line(gone) == f"own.f gave no answer in {first_limit}"
     assert in_thread(said, "own.f", pytest.fail) == gone
     assert in_thread(said, "own.g", busy, 0.0) == "done"
     assert in_thread(said, "own.g", pytest.fail) == "own.g died"
@@ -352,7 +356,7 @@ def test_work_on_a_dask_worker_has_the_patience_of_its_command(remote):
     work = pickle.dumps((_hanging, 4.0))
     calls.set_patience(60.0)
     gone = in_thread(guarded, sources(), work, 0.2)
-    assert without_line(gone) == "own.f gave no answer in 1 s"
+    assert without_line(gone).startswith("own.f gave no answer in 1 s, 5 times the limit of 0.2 s")
     assert Dask("tcp://nowhere:1").call(len, "")[3] == calls.patience() == 0.2
 
 
@@ -503,9 +507,27 @@ def test_a_hang_is_a_finding_with_its_line_and_its_state():
     assert failed.state is not None and failed.state.q.tolist() == [0.5]
     line = lines_of(M)[1]
     assert re.fullmatch(
-        rf"M, gave no answer in .* s \(test_supervised.py, line ({line}|{line + 1})\)",
+        rf"M gave no answer in .* s \(test_supervised.py, line ({line}|{line + 1})\)",
         failed.detail,
     )
+
+
+def test_the_printed_code_of_a_hang_ends_by_its_time_limit(tmp_path: Path):
+    path = tmp_path / "hangs.py"
+    path.write_text("import time\nn = 1\ndef M(q):\n    time.sleep(9)\n")
+    begun = time.monotonic()
+    with eomcheck.time_limit(0.02):
+        (failed,) = eomcheck.check(str(path), states=1).failures
+        code = failed.as_python()
+    assert "with eomcheck.time_limit(0.02):\n    for finding in check_functions(" in code
+    seen = io.StringIO()
+    with redirect_stdout(seen):
+        exec(code, {})
+    text = (
+        "M gave no answer in 0.1 s, 5 times the limit of 0.02 s for a first call (hangs.py, line 4)"
+    )
+    assert failed.detail == text and text in seen.getvalue()
+    assert time.monotonic() - begun < 8
 
 
 @pytest.mark.parametrize("seconds", [0, -1.0, float("nan"), 2e6])

@@ -154,14 +154,24 @@ def _refuse(barred: Barred, name: str, key: str, number: int) -> None:
 
 def _no_answer(barred: Barred, name: str, key: str, limit: float, stop: _NoAnswer) -> CallError:
     """Bar a function that gave no answer in `limit` s, and return its `CallError` with the line."""
-    why = located(no_answer_text(limit), call_line(extract_tb(stop.__traceback__)))
+    text = no_answer_text(limit, patience())
+    why = located(text, call_line(extract_tb(stop.__traceback__)))
     barred[key] = 0, why
     return CallError(name, why)
 
 
-def no_answer_text(limit: float) -> str:
-    """Return the description of a call that is over its time limit, s."""
-    return f"gave no answer in {limit:g} s"
+NO_ANSWER = "gave no answer in "
+
+
+def no_answer_text(limit: float, usual: float) -> str:
+    """Return the description of a call that is over its time limit.
+
+    Args:
+        limit: the time limit of this call, s.
+        usual: that of later calls, s.
+    """
+    longer = f", {limit / usual:g} times the limit of {usual:g} s for a first call"
+    return f"{NO_ANSWER}{limit:g} s{longer if limit > usual else ''}"
 
 
 def call_line(frames: Sequence[FrameSummary]) -> FrameSummary | None:
@@ -381,8 +391,8 @@ def time_limit(seconds: float) -> Iterator[None]:
         >>> import time, numpy as np, eomcheck
         >>> with eomcheck.time_limit(0.05):
         ...     found = eomcheck.testing.check_functions(1, M=lambda q: time.sleep(9), states=1)
-        >>> found[0].verdict, found[0].detail[:27]
-        ('failed', 'M, gave no answer in 0.25 s')
+        >>> found[0].verdict, found[0].detail[:26]
+        ('failed', 'M gave no answer in 0.25 s')
     """
     global _threads
     checked_patience(seconds)

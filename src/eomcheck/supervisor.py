@@ -104,7 +104,8 @@ class _Watch:
                 os.kill(pid, signal.SIGUSR1)
             elif seconds - since > GRACE:
                 calls.request_stack(pid)
-                why = _with_line(calls.no_answer_text(call.limit), self.folder, pid)
+                usual = call.limit / (calls.FIRST if call.slow or not call.number else 1)
+                why = _with_line(calls.no_answer_text(call.limit, usual), self.folder, pid)
                 _why(self.folder, pid).write_text(why, encoding="utf-8")
                 os.kill(pid, signal.SIGKILL)
 

@@ -190,7 +190,8 @@ def test_an_import_that_gives_no_answer_is_a_failure_with_its_line(tmp_path: Pat
     path.write_text("import time\ntime.sleep(1000)\n")
     with pytest.raises(CallError) as caught, eomcheck.time_limit(0.02):
         in_file(str(path), "Own")
-    why = "gave no answer in 0.1 s (hanging.py, line 2)"
+    limit = "0.1 s, 5 times the limit of 0.02 s for a first call"
+    why = f"gave no answer in {limit} (hanging.py, line 2)"
     assert outside_error(caught.value) == f"import of {path} {why}"
 
 
@@ -201,7 +202,8 @@ def test_a_command_ends_with_1_at_an_import_that_gives_no_answer(tmp_path: Path)
         path.write_text(f"import itertools, time\n{body}\n")
         run = eom("validate", "--engine", f"{path}:Own", "--patience", "0.2")
         assert run.returncode == 1
-        why = f"import of {path} gave no answer in 1 s (silent{k}.py, line 2)\n"
+        limit = "1 s, 5 times the limit of 0.2 s for a first call"
+        why = f"import of {path} gave no answer in {limit} (silent{k}.py, line 2)\n"
         assert (run.stdout + sentence(run)).endswith(why)
 
 
@@ -270,7 +272,10 @@ def test_a_call_without_an_answer_is_reported_after_its_patience(tmp_path: Path)
     name = trailer(tmp_path, "waits", "import time; time.sleep(1000)")
     run = eom("acceleration", "--scene", name, "--patience", "0.3")
     assert run.returncode == 1
-    assert sentence(run) == "eomcheck: Trailer.drift gave no answer in 1.5 s (waits.py, line 24)\n"
+    limit = "1.5 s, 5 times the limit of 0.3 s for a first call"
+    assert (
+        sentence(run) == f"eomcheck: Trailer.drift gave no answer in {limit} (waits.py, line 24)\n"
+    )
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "2e6"])

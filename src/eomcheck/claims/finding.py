@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.reproducer import reproducer_of
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
@@ -150,9 +150,8 @@ class Finding:
 
     def as_python(self) -> str:
         """Return Python code that reproduces the finding."""
-        return reproducer_code(
-            self.scene, self.state, () if self.engine is None else (self.engine,)
-        )
+        engines = () if self.engine is None else (self.engine,)
+        return reproducer_of(self.detail, self.scene, self.state, engines)
 
 
 def comparison_text(observed: float, allowed: float, detail: str, form: str = "; {}") -> str:

@@ -13,10 +13,12 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from textwrap import indent
 from typing import Any, Protocol
 
 import numpy as np
 
+from eomcheck.calls import NO_ANSWER, patience
 from eomcheck.engines import Engine, engine_of
 from eomcheck.errors import one_line
 from eomcheck.mechanics.parameters import Parametric
@@ -27,6 +29,9 @@ from eomcheck.mechanics.scene import Scene
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
 """Folders of the standard library and of installed packages."""
+
+LOOP = "for finding in "
+"""Beginning of the loop over the findings of a check."""
 
 PRINT_FAILED = '    if finding.verdict == "failed":\n        print(finding)\n'
 """Body of the loop over the findings of a check."""
@@ -47,17 +52,38 @@ def reproducer_code(
     engines = tuple(engines)
     text = reproducer_header(scene, engines)
     if state is None:
-        text += "for finding in eomcheck.prove(scene):\n"
+        text += f"{LOOP}eomcheck.prove(scene):\n"
     else:
         chosen = ", ".join(kind.__name__ for kind in engines)
         more = f", engines=[{chosen}]" if engines else ""
         text += (
             f"q = {state.q.tolist()}\n"
             f"v = {state.v.tolist()}\n"
-            "for finding in eomcheck.check_state("
+            f"{LOOP}eomcheck.check_state("
             f"scene, q, v, t={state.t!r}, consistent=False{more}):\n"
         )
     return text + PRINT_FAILED
+
+
+def reproducer_of(
+    detail: str,
+    scene: Scene | SubjectUnderTest,
+    state: State | None,
+    engines: Iterable[type[Engine]] = (),
+) -> str:
+    """Return Python code that prints the failures in a state; that of a hang has a time limit.
+
+    Args:
+        detail: detail of the failure.
+        scene, state, engines: see `reproducer_code`.
+    """
+    code = reproducer_code(scene, state, engines)
+    if NO_ANSWER not in detail:
+        return code
+    head, loop = code.split(LOOP, 1)
+    imported = "" if head.startswith("import eomcheck\n") else "import eomcheck\n"
+    limited = indent(LOOP + loop, "    ")
+    return f"{imported}{head}with eomcheck.time_limit({patience():g}):\n{limited}"
 
 
 def motion_reproducer(scene: Scene, state: State, t_end: float, key: str, tolerance: float) -> str:
@@ -245,7 +271,7 @@ def functions_reproducer(
     if state is not None:
         arguments.append(f"states=[({state.q.tolist()}, {state.v.tolist()})]")
     listed = "".join(f"    {argument},\n" for argument in arguments)
-    call = f"for finding in check_functions(\n    {functions.n},\n{listed}):\n"
+    call = f"{LOOP}check_functions(\n    {functions.n},\n{listed}):\n"
     return "\n".join(head) + f"\n\n{call}{PRINT_FAILED}"
 
 

@@ -132,7 +132,7 @@ class EngineProcess:
                 reply = self._exchange(request, time.monotonic() + limit)
             except TimeoutError:
                 calls.request_stack(self.pid)
-                self._fail(name, calls.no_answer_text(limit))
+                self._fail(name, calls.no_answer_text(limit, calls.patience()))
             except (EOFError, OSError):
                 self._fail(name, "")
             except ProtocolError as error:

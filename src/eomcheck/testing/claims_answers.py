@@ -91,8 +91,8 @@ def answers(at: FunctionState) -> Iterator[Decision]:
         except BrokenError as broken:
             at.caller.reported.add(name)
             singular = isinstance(broken.__cause__, np.linalg.LinAlgError)
-            why = broken.why + (at.repeated_constraints() if singular else "")
-            yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {why}")
+            why = broken.clause + (at.repeated_constraints() if singular else "")
+            yield Decision(name, float("inf"), 0.0, "failed", f"{name}{why}")
         else:
             yield Decision(name, 0.0, 0.0, "passed")
 
@@ -195,7 +195,7 @@ def fresh_answer(at: FunctionState) -> Iterator[Comparison | Decision]:
             anew = fresh(name, at.q, at.v, **at.loads(name))
         except BrokenError as broken:
             yield Decision(
-                name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}"
+                name, float("inf"), 0.0, "failed", f"{name} of the factory{broken.clause}"
             )
             continue
         yield _compare_repeated(at, name, anew, first)

@@ -444,6 +444,12 @@ class BrokenError(Exception):
         self.name, self.why = name, why
         super().__init__(f"{name}: {why}")
 
+    @property
+    def clause(self) -> str:
+        """The reason behind the name: " gave no answer in 60 s", ", ValueError: no pose"."""
+        ended = isinstance(self.__cause__, CallError) and not self.__cause__.by_exception
+        return f"{' ' if ended else ', '}{self.why}"
+
 
 class BatchedFunction:
     """Function that is told at which arguments it is called next, to compute these at once.

@@ -23,7 +23,7 @@ from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.calls import is_ours
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import comparison_text, worst
-from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
+from eomcheck.claims.reproducer import motion_reproducer, reproducer_of
 from eomcheck.claims.run import (
     RunSelection,
     cause_of,
@@ -238,7 +238,8 @@ class FailureRecord:
         """Python code that reproduces the failure."""
         if self.t_end:
             return motion_reproducer(*self.case, self.t_end, self.subject, TIGHT)
-        return reproducer_code(*self.case, [engine_of(self.engine)] if self.engine else [])
+        engines = [engine_of(self.engine)] if self.engine else []
+        return reproducer_of(self.detail, *self.case, engines)
 
     def __str__(self) -> str:
         how = comparison_text(self.observed, self.allowed, self.detail, "")

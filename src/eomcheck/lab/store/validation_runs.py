@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from eomcheck.calls import is_ours
 from eomcheck.claims.finding import Finding, Proof, Verdict, comparison_text, ratio
-from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.reproducer import reproducer_of
 from eomcheck.claims.run import (
     Cases,
     RunSelection,
@@ -136,13 +136,15 @@ def stored_findings(
     """
     scene, state = findings[0].scene, findings[0].state
     engines = dict.fromkeys(one.engine for one in findings if one.engine is not None)
-    alone = len(findings) == 1  # a Finding about a row of a file has code of its own
+    details = " ".join(one.detail for one in findings)
+    code = reproducer_of(details, scene, state, engines)
     where = {
         "scene": key,
         "links": link_count(scene),
         "case": case,
         "structure": scene.structure if case is None else "",
-        "python": findings[0].as_python() if alone else reproducer_code(scene, state, engines),
+        # A Finding about a row of a file has code of its own.
+        "python": findings[0].as_python() if len(findings) == 1 else code,
     }
     return [StoredFinding(*_columns(one), **where) for one in findings]
 
