@@ -523,9 +523,8 @@ def test_the_printed_code_of_a_hang_ends_by_its_time_limit(tmp_path: Path):
     seen = io.StringIO()
     with redirect_stdout(seen):
         exec(code, {})
-    text = (
-        "M gave no answer in 0.1 s, 5 times the limit of 0.02 s for a first call (hangs.py, line 4)"
-    )
+    limit = "0.1 s, 5 times the limit of 0.02 s for a first call"
+    text = f"M gave no answer in {limit} (hangs.py, line 4)"
     assert failed.detail == text and text in seen.getvalue()
     assert time.monotonic() - begun < 8
 

@@ -25,6 +25,8 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.status import Status
+from rich.text import Text
 
 from eomcheck.calls import handling_signals
 from eomcheck.safe_output import counted
@@ -66,6 +68,20 @@ def _many(noun: re.Match) -> str:
     return counted(2, noun[1]).removeprefix("2 ")
 
 
+_status: list[Status] = []
+"""The status line that is shown, none or one."""
+
+_drawing = Lock()
+"""Lock held while the status line is drawn or taken away."""
+
+
+def _hide_status() -> None:
+    """Take the status line away; with `_drawing` held."""
+    for status in _status:
+        status.stop()
+    _status.clear()
+
+
 @contextmanager
 def activity(what: str) -> Iterator[None]:
     """Name the activity inside the block for `slow_work_notice`, without a bar."""
@@ -73,7 +89,35 @@ def activity(what: str) -> Iterator[None]:
     try:
         yield
     finally:
-        _now.pop()
+        with _drawing:
+            _now.pop()
+            if len(_now) == 1:
+                _hide_status()
+
+
+def report_progress(text: str) -> None:
+    """Show a line of progress: in the status line of a terminal, else printed."""
+    if Console(stderr=True).is_terminal and len(_now) > 1:
+        _now[-1] = text
+    else:
+        console.print(text, highlight=False)
+
+
+def _show_status(over: Event, errors: Console) -> None:
+    """Show the current activities in a status line, unless a bar is shown, until `over`."""
+    while not over.wait(0.1):
+        with _drawing:
+            if len(_now) == 1 or _showing.locked():
+                _hide_status()
+                continue
+            text = Text(", ".join(_now[1:]), no_wrap=True, overflow="ellipsis")
+            if _status:
+                _status[0].update(text)
+            else:
+                _status.append(Status(text, console=errors))
+                _status[0].start()
+    with _drawing:
+        _hide_status()
 
 
 @contextmanager
@@ -86,6 +130,9 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
     notice, label = (_NOUN.sub(how, label) for how in (_with(total), _many))
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
+    if shown:
+        with _drawing:
+            _hide_status()
     try:
         showing = Progress(
             TextColumn(label),
@@ -107,9 +154,10 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
 
 @contextmanager
 def slow_work_notice(what: str) -> Iterator[None]:
-    """Print the current activity once on standard error if the block exceeds `PATIENCE`.
+    """Show the current activity on standard error if the block exceeds `PATIENCE`.
 
-    Nothing is printed if a bar is shown by then.
+    A terminal has a status line while there is an activity and no bar; elsewhere the activity is
+    printed once.
 
     Args:
         what: name of the activity until an inner `activity` or bar names another.
@@ -118,15 +166,23 @@ def slow_work_notice(what: str) -> Iterator[None]:
     _now[0] = what
 
     def notify() -> None:
-        if not over.wait(PATIENCE) and not _showing.locked():
-            with suppress(OSError, ValueError):  # standard error is closed
-                print(f"eomcheck: {_now[-1]} ...", file=sys.stderr, flush=True)
+        if over.wait(PATIENCE):
+            return
+        errors = Console(stderr=True)
+        with _drawing:
+            if not (_showing.locked() or (errors.is_terminal and len(_now) > 1)):
+                with suppress(OSError, ValueError):  # standard error is closed
+                    print(f"eomcheck: {_now[-1]} ...", file=sys.stderr, flush=True)
+        if errors.is_terminal:
+            _show_status(over, errors)
 
-    Thread(target=notify, daemon=True).start()
+    notifier = Thread(target=notify, daemon=True)
+    notifier.start()
     try:
         yield
     finally:
         over.set()
+        notifier.join(1.0)
 
 
 @contextmanager

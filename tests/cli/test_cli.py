@@ -89,7 +89,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["study", "work-precision", "--records", "x.db", "--tolerance", "2"], "--tolerance 2.0"),
         (
             ["study", "work-precision", "--records", "x.db", "--figures", "no/such"],
-            "not a folder that exists",
+            "'no/such' cannot be made: there is no folder 'no'",
         ),
         (["study", "accuracy", "--examples", "0"], "--examples 0"),
         (
@@ -102,7 +102,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         ),
         (
             ["study", "stability", "--records", "x.db", "--figures", "no/such"],
-            "not a folder that exists",
+            "'no/such' cannot be made: there is no folder 'no'",
         ),
         (
             ["study", "stability", "--records", "x.db", "--executor", "ray:1"],

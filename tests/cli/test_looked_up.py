@@ -248,7 +248,17 @@ def test_a_page_is_never_written_over_records_whatever_they_are_called(tmp_path)
     for records in ([path], [other, path], [link]):
         with pytest.raises(InputError, match="holds the records themselves"):
             application.check_output(path, records)
-    with pytest.raises(InputError, match="is not a folder that exists"):
-        application.check_folder(path)
+
+
+def test_a_folder_to_write_into_is_made_where_the_one_around_it_exists(tmp_path: Path, monkeypatch):
     application.check_folder(tmp_path)
     application.check_folder(None)
+    application.check_folder(tmp_path / "new")
+    monkeypatch.chdir(tmp_path)
+    application.check_folder(Path("here"))
+    assert sorted(x.name for x in tmp_path.iterdir() if x.is_dir()) == ["here", "new"]
+    with pytest.raises(InputError, match=r"'no/such' cannot be made: there is no folder 'no'"):
+        application.check_folder(Path("no/such"))
+    Path("file").write_text("x")
+    with pytest.raises(InputError, match="'file' is a file, expected a folder"):
+        application.check_folder(Path("file"))

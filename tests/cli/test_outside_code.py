@@ -273,9 +273,8 @@ def test_a_call_without_an_answer_is_reported_after_its_patience(tmp_path: Path)
     run = eom("acceleration", "--scene", name, "--patience", "0.3")
     assert run.returncode == 1
     limit = "1.5 s, 5 times the limit of 0.3 s for a first call"
-    assert (
-        sentence(run) == f"eomcheck: Trailer.drift gave no answer in {limit} (waits.py, line 24)\n"
-    )
+    drift = f"Trailer.drift gave no answer in {limit} (waits.py, line 24)"
+    assert sentence(run) == f"eomcheck: {drift}\n"
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "2e6"])

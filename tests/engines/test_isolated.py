@@ -289,10 +289,9 @@ def test_a_call_that_never_returns_ends_at_its_time_limit_and_is_not_repeated(na
     monkeypatch.setattr(calls, "_patience", [0.05])
     monkeypatch.setattr(isolation, "FIRST", 2)
     engine.velocity_map(Q, V)
+    text = r"0\.1 s, 2 times .* \(failing_library.py, line \d+\)"
     for _ in range(2):
-        with pytest.raises(
-            EngineFault, match=r"0\.1 s, 2 times .* \(failing_library.py, line \d+\)"
-        ):
+        with pytest.raises(EngineFault, match=text):
             Answers(engine).bias(Q, V)
         monkeypatch.setattr(calls, "_patience", [2.0])
     assert engine.process.counts[f"{name}.bias"] == 1

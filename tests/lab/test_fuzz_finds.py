@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,10 +35,10 @@ from eomcheck.draws.fuzz_cases import (
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import check_consistent
-from eomcheck.lab.fuzzing import failures, state_rounds
+from eomcheck.lab.fuzzing import failures, screening, state_rounds
 from eomcheck.lab.fuzzing import failures as replay
 from eomcheck.lab.fuzzing import state_rounds as fuzzed
-from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
+from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     FailureRecord,
@@ -51,8 +52,14 @@ from eomcheck.lab.fuzzing.failures import (
     write_failures,
 )
 from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
-from eomcheck.lab.fuzzing.screening import Diagnosis, keys_in_subject
-from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan, drawn_state, hill_climbed_states
+from eomcheck.lab.fuzzing.screening import CheckFrequency, Diagnosis, deadline, keys_in_subject
+from eomcheck.lab.fuzzing.state_rounds import (
+    FunctionsPlan,
+    StatePlan,
+    drawn_state,
+    hill_climbed_states,
+)
+from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scene_lookup import lookup_name
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
@@ -445,6 +452,44 @@ def test_fuzz_ends_at_a_smaller_state_with_the_diagnosis_of_the_first_one(monkey
     assert small.state is not None and small.state.q[0] == 1.0  # not 0
     assert first.detail.endswith(": wrong sign (every row)")
     assert small.detail.endswith(": wrong sign (every row)")
+
+
+def test_fuzz_ends_between_two_states_of_a_round_when_its_time_is_up(monkeypatch, tmp_path):
+    asked: list = []
+    monkeypatch.setattr(screening.time, "time", lambda: 0.1 * len(asked))
+
+    def slow(functions, state, claims):
+        asked.append(state)
+        return []
+
+    functions = EquationsOfMotion(1, M=lambda q: [[1.0]])
+    monkeypatch.setattr(fuzzed, "check_functions_at", slow)
+    monkeypatch.setattr(fuzzed, "functions_named", lambda name: functions)
+    plan = FunctionsPlan("a file", 0, ("a",), batch=1000)
+    with Records(tmp_path / "a.db") as records:
+        campaign = Campaign(plan, "a file", [StructuralVariant(None, ())], records)
+        campaign.run(seconds=0.35)
+        assert len(asked) == campaign.states == 4
+        again = Campaign(plan, "a file", [StructuralVariant(None, ())], records)
+    assert again.resumed == 0, "a round that was cut is done again"
+
+
+def test_a_round_whose_time_is_up_judges_no_further_state(monkeypatch):
+    judged: list = []
+    monkeypatch.setattr(fuzzed, "check_case", lambda *case: judged.append(case) or [])
+    plan = StatePlan(Sleigh, 0, ("power-balance", "equivalence"), ("au", "kane"), batch=16)
+    plan = replace(plan, check_frequency=CheckFrequency(0, 0, 0, 1, 1))
+    cut = plan.run(Round(0, StructuralVariant(None, ()), {}, until=time.time() - 1.0))
+    assert (cut.states, cut.cut, judged) == (16, True, [])
+    whole = plan.run(Round(0, StructuralVariant(None, ()), {}, until=time.time() + 600.0))
+    assert whole.states > 16 and not whole.cut and len(judged) >= 16
+
+
+def test_simplifying_ends_when_the_time_is_up():
+    seen: list = []
+    with deadline(time.time() - 1.0):
+        assert simplify_numbers(failure(), lambda case: seen.append(case) or []) == failure()
+    assert not seen
 
 
 # ---- Finds ---------------------------------------------------------------------------------------

@@ -553,7 +553,7 @@ def test_a_campaign_ends_when_its_time_is_up_or_its_states_are_many_whichever_is
             now[0] += 2.0
             return super().run(round_)
 
-    monkeypatch.setattr(campaigns.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(campaigns.time, "time", lambda: now[0])
     for limits, expected in (
         ({"seconds": 5.0}, 3),
         ({"seconds": 4.0}, 2),

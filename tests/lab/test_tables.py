@@ -349,6 +349,14 @@ def test_a_report_names_claims_of_which_no_state_resolves_an_entry():
         assert made.headline == "All 2 claims hold."
 
 
+def test_a_claim_that_is_inconclusive_in_some_states_is_named_in_one_line(capsys):
+    open_rows = [kept(verdict="inconclusive", case=k, subject=x) for k in (3, 7) for x in "ab"]
+    finding_output.print_unresolved(by_claim([kept(), *open_rows, kept("motion")]))
+    said = " ".join(capsys.readouterr().out.split())
+    why = "the rounding error is as large as the value"
+    assert said == f"inconclusive: bias [a, b] at 2 states: {why}"
+
+
 def test_entries_that_no_state_resolves_are_printed_and_in_junit(tmp_path, capsys):
     rows = [kept(), HIDDEN, kept("motion")]
     finding_output.print_unresolved(by_claim(rows))

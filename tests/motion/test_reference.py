@@ -590,7 +590,7 @@ def test_several_are_spread_over_processes_and_as_good(
     [
         (["reference", "free-3", "--executor", "nowhere"], "--executor 'nowhere'"),
         (["reference", "none"], "unknown reference 'none'; known: paper-rest"),
-        (["reference", "free-3", "--folder", "no/such"], "not a folder that exists"),
+        (["reference", "free-3", "--folder", "no/such"], "there is no folder 'no'"),
     ],
 )
 def test_bad_input_to_the_command_is_one_sentence(

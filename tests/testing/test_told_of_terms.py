@@ -112,7 +112,8 @@ def test_gravity_in_the_bias_is_named_with_its_sign(sign: float, name: str, know
         known: getattr(CART, known),
     }
     one = failed("bias-at-rest", **own)
-    assert f": it is {name}: gravity is in the bias (say bias_has_gravity=True)" in one.detail
+    remedy = "; set bias_has_gravity = True" if sign > 0 else ", with the wrong sign"
+    assert one.detail.endswith(f": it is {name}: gravity is in the bias{remedy}")
 
 
 def test_what_is_left_at_rest_without_a_potential_is_not_called_gravity():

@@ -305,6 +305,7 @@ def smallest_failure(
     cases: SearchStrategy[tuple[Scene, State]],
     selection: RunSelection,
     seed: int,
+    over: Callable[[], bool] = lambda: False,
 ) -> Finding:
     """Return the smallest counterexample among `cases` that fails as `failed` does, or itself.
 
@@ -313,9 +314,12 @@ def smallest_failure(
         cases: strategy of the cases to search.
         selection: formulations, engines and claims.
         seed: seed of the search.
+        over: whether the time is up, from when no case is checked.
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
+        if over():
+            return
         scene_engines = make_scene_engines(drawn[0], selection)
         case = make_case(scene_engines, drawn[1], selection, ONCE)
         for finding in evaluate_claim(scene_engines, case, CLAIMS[failed.claim]):

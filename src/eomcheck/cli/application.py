@@ -22,7 +22,14 @@ from typer.core import TyperCommand, TyperGroup
 
 from eomcheck import __version__, calls
 from eomcheck.atomic_write import check_writable
-from eomcheck.errors import InputError, UnwrittenError, WorkerError, did_you_mean, whole_number
+from eomcheck.errors import (
+    InputError,
+    UnwrittenError,
+    WorkerError,
+    described_error,
+    did_you_mean,
+    whole_number,
+)
 from eomcheck.lab.option_parsing import (
     ISOLATED_HELP,
     ONE_HELP,
@@ -537,9 +544,21 @@ def raise_unread(unread: list[str]) -> None:
 
 
 def check_folder(path: Path | None) -> None:
-    """Raise InputError unless `path` is an existing folder or None."""
-    if path is not None and not path.is_dir():
-        raise InputError(f"{str(path)!r} is not a folder that exists")
+    """Make a folder to write into, unless it is there or None; the folder around it must be there.
+
+    Raises:
+        InputError: that one does not exist, or the folder is a file or cannot be made.
+    """
+    if path is None or path.is_dir():
+        return
+    if path.exists():
+        raise InputError(f"{str(path)!r} is a file, expected a folder")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{str(path)!r} cannot be made: there is no folder {str(path.parent)!r}")
+    try:
+        path.mkdir()
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be made: {described_error(error)}") from error
 
 
 def check_figure(path: Path | None, *further: str) -> None:

@@ -156,6 +156,10 @@ def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
         yield Decision("M", abs(least), allowed, "inconclusive", "M is singular to rounding")
 
 
+REMEDY = "set bias_has_gravity = True"
+"""Remedy for gravity in the bias: a line of a file, or an argument of `check_functions`."""
+
+
 @function_claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
 def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias at rest with 0; a difference is often gravity.
@@ -174,10 +178,12 @@ def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
         if gravity is not None:
             multiple = term_multiple(actual, gravity.value, allowed, C * gravity.error)
             if multiple in (1, -1):
-                name = "∂U/∂q" if multiple == 1 else "-∂U/∂q"
-                return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
+                if multiple == -1:
+                    return "it is -∂U/∂q: gravity is in the bias, with the wrong sign"
+                return f"it is ∂U/∂q: gravity is in the bias; {REMEDY}"
         potential = at.functions.qdot is None and _is_symmetric(_bias_jacobian(at_rest))
-        return "should vanish, and has a potential: gravity in it?" if potential else ""
+        what = f"should vanish, and has a potential: gravity in it? If so, {REMEDY}"
+        return what if potential else ""
 
     yield compare(at, "bias", at_rest.quantity("bias"), zero(at.quantity("bias")), explain)
 

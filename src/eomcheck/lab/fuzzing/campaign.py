@@ -25,6 +25,7 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged
 from eomcheck.claims.run import cause_of, diagnosis_of
+from eomcheck.console import activity
 from eomcheck.deprecated import current
 from eomcheck.draws.fuzz_cases import FuzzCase, StructuralVariant
 from eomcheck.errors import EomcheckError, InputError
@@ -34,7 +35,13 @@ from eomcheck.lab.fuzzing.failures import (
     fuzz_case,
     parameters_of,
 )
-from eomcheck.lab.fuzzing.screening import Diagnosis, Key, diagnose_failure
+from eomcheck.lab.fuzzing.screening import (
+    Diagnosis,
+    Key,
+    deadline,
+    diagnose_failure,
+    time_is_up,
+)
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.numbers.generic import Array
@@ -62,11 +69,15 @@ Population = dict[Key, list[ScoredCase]]
 
 
 class Round(NamedTuple):
-    """A round to run: its number, which with the seed determines all draws, and the starts."""
+    """A round to run: its number, which with the seed determines all draws, and the starts.
+
+    From `until` on, s by `time.time`, no further state of it is checked.
+    """
 
     number: int
     variant: StructuralVariant
     population: Population
+    until: float | None = None
 
     @property
     def structure(self) -> str:
@@ -122,12 +133,19 @@ class RoundResult(CheckTotals):
         variant: its structural variant.
         population: starts of the next hill climbing.
         failed: findings that failed, by `eomcheck.check_state`.
+        cut: whether the time was up before all its states were checked.
     """
 
     number: int
     variant: StructuralVariant
     population: Population
     failed: list[Finding] = field(default_factory=list)
+    cut: bool = False
+
+    def over(self) -> bool:
+        """Return whether the time is up after the first states; the round then is cut."""
+        self.cut = self.cut or (bool(self.states) and time_is_up())
+        return self.cut
 
     def add_cases(
         self, cases: Sequence[Any], findings_by_case: Iterable[Iterable[Finding]]
@@ -252,7 +270,7 @@ class CampaignPlan(ABC):
         result = RoundResult(round_.number, round_.variant, population)
         random = np.random.default_rng([abs(self.seed), int(self.seed < 0), round_.number])
         start, cpu = time.perf_counter(), time.process_time()
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), deadline(round_.until), activity(round_.structure):
             self.search(result, random)
         result.seconds = time.perf_counter() - start
         result.cpu_seconds = time.process_time() - cpu
@@ -263,7 +281,7 @@ class CampaignPlan(ABC):
         drawn = self.draw(result, random)
         result.counts.update(drawn[1])
         self.check(result, drawn, random)
-        if self.climbing and result.population:
+        if self.climbing and result.population and not result.over():
             self.climb(result, random)
 
     def climb(self, result: RoundResult, random: np.random.Generator) -> None:
@@ -369,7 +387,8 @@ class Campaign(CheckTotals):
 
         Args:
             states: smallest number of states to check, those of earlier runs included.
-            seconds: time limit, s; the round in hand is finished.
+            seconds: time limit, s; the state or batch in hand is finished. A round that is cut by
+                it counts in the tables, and is done again if the campaign is resumed.
             executor: address of the workers, see `eomcheck.lab.store.parallel_map.executor`; None
                 for this process.
             on_round: called after each round.
@@ -377,10 +396,10 @@ class Campaign(CheckTotals):
         Raises:
             InputError: in a whole generation of rounds no state could be drawn.
         """
-        start = time.perf_counter()
+        until = None if seconds is None else time.time() + seconds
 
         def late() -> bool:
-            return seconds is not None and time.perf_counter() - start >= seconds
+            return until is not None and time.time() >= until
 
         def over() -> bool:
             return late() or (states is not None and self.states >= states)
@@ -388,8 +407,10 @@ class Campaign(CheckTotals):
         while not over():
             # With a number of states to reach, no worker starts a round that is not needed.
             left = None if states is None else -(-(states - self.states) // self.plan.max_states)
-            for result in self._results(self._generation()[:left], executor, over):
-                self._take(result, late)
+            rounds = [one._replace(until=until) for one in self._generation()[:left]]
+            for result in self._results(rounds, executor, over):
+                with deadline(until):
+                    self._take(result, late)
                 on_round(self)
                 if over():
                     break
@@ -431,12 +452,15 @@ class Campaign(CheckTotals):
     def _take(self, result: RoundResult, late: Callable[[], bool]) -> None:
         self._add_round(result)
         self._set_population(result.variant, result.population)
-        new = [x for one in result.failed if (x := self._new_failure(one, late)) is not None]
+        with activity("simplifying failures"):
+            new = [x for one in result.failed if (x := self._new_failure(one, late)) is not None]
         if self.records is None:
             return
         for failure in new:
             key = self.settings | {"cause": list(failure.key)}
             self.records.add(Record(FAILURE, key, "failed", series={"failure": [vars(failure)]}))
+        if result.cut:
+            return  # done again where the campaign goes on
         best = [
             [*key, score, parameters_of(scene), q.tolist(), v.tolist(), float(t)]
             for key, cases in result.population.items()
@@ -448,7 +472,8 @@ class Campaign(CheckTotals):
 
     def _add_round(self, result: RoundResult) -> None:
         self.add(result)
-        self._done.add(result.number)
+        if not result.cut:
+            self._done.add(result.number)
         self.rounds += 1
         self.by_variant[result.variant.name] += result.states
 

@@ -56,6 +56,7 @@ from eomcheck.lab.fuzzing.screening import (
     diagnose_failure,
     failed_findings,
     keys_in_subject,
+    time_is_up,
 )
 from eomcheck.lab.store.validation_runs import check_types
 from eomcheck.mechanics.parameters import settable
@@ -368,7 +369,7 @@ def simplify(
     tries = 0
     for simpler in simplifications:
         for candidate in simpler(finding):
-            if tries >= most:
+            if tries >= most or time_is_up():
                 return finding
             tries += 1
             failures: Sequence[F] = ()
@@ -442,7 +443,7 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
         return finding
     selection = RunSelection.of(formulations, [], [finding.claim], scenes=[type(scene)])
     links = (1, getattr(scene, "links", 1))
-    finding = smallest_failure(finding, no_larger(scene, links), selection, seed)
+    finding = smallest_failure(finding, no_larger(scene, links), selection, seed, time_is_up)
 
     def failures(candidate: Finding) -> list[Finding]:
         assert candidate.state is not None

@@ -192,7 +192,7 @@ class MotionPlan(CampaignPlan):
         """Compare the motions of all formulations, and one of them with the same one alone."""
         t_end = float(np.exp(random.uniform(np.log(SHORTEST), np.log(LONGEST))))
         cases, _ = drawn
-        if not cases:
+        if not cases or result.over():
             return
         t_end = min(t_end, informative(cases, self.formulations))
         alone = int(random.integers(len(cases))), str(random.choice(self.formulations))

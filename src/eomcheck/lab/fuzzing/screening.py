@@ -13,9 +13,11 @@ nothing is rounded.
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Container, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -50,6 +52,30 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import midpoints_or_zero
 from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.generic import Array
+
+# ---- Time limit ----------------------------------------------------------------------------------
+
+_deadline: ContextVar[float | None] = ContextVar("deadline", default=None)
+
+
+@contextmanager
+def deadline(moment: float | None) -> Iterator[None]:
+    """Have `time_is_up` return True inside the block from a moment on, by `time.time`; None: never.
+
+    What is in hand then is finished, a state or a batch, and nothing more is begun.
+    """
+    before = _deadline.set(moment)
+    try:
+        yield
+    finally:
+        _deadline.reset(before)
+
+
+def time_is_up() -> bool:
+    """Return whether the deadline has passed."""
+    moment = _deadline.get()
+    return moment is not None and time.time() >= moment
+
 
 # ---- Triage --------------------------------------------------------------------------------------
 

@@ -28,6 +28,7 @@ import numpy as np
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.finding import DECIDED, Entries, merged, never_resolved, unresolved_detail
+from eomcheck.console import activity
 from eomcheck.draws import state_ranges
 from eomcheck.draws.fuzz_cases import (
     FAMILIES,
@@ -74,10 +75,12 @@ from eomcheck.lab.fuzzing.screening import (
     ScreeningResult,
     check_case,
     screen,
+    time_is_up,
 )
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import counted
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import caveats, check_functions_at
 
@@ -209,7 +212,8 @@ class StatePlan(CampaignPlan):
 
     def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return cases of the round's variant, and the family of each."""
-        drawn = draw_cases(self.kind, result.variant, self.families, self.batch, random)
+        with activity(f"drawing {counted(self.batch, 'state')}"):
+            drawn = draw_cases(self.kind, result.variant, self.families, self.batch, random)
         return self.widened(drawn, random)
 
     def widened(self, drawn: DrawnCases, random: np.random.Generator) -> DrawnCases:
@@ -238,6 +242,8 @@ class StatePlan(CampaignPlan):
         under_test = {kind.key for kind in engines_under_test(self.engines)}
         steps = min(STEPS, self.batch)
         for _ in range(steps):
+            if result.over():
+                return
             in_lanes = {key: best for key, best in population.items() if key[1] not in under_test}
             higher = hill_climbed(in_lanes or population, self.batch // steps, random)
             result.counts["climbed"] += len(higher)
@@ -290,6 +296,8 @@ def climb_for_engines(
     claims = [one for one in plan.claims if CLAIMS[one].asks]
     result.counts["engines, climbed"] += len(cases)
     for i, case in enumerate(cases):
+        if result.over():
+            break
         judged = check_case(case, claims, plan.formulations, engines_under_test(plan.engines))
         result.failed += [one for one in judged if one.verdict == "failed"]
         for key, score in engine_scores(judged).items():
@@ -316,7 +324,8 @@ def screen_and_judge(
         return
     first = result.number * 2 * plan.batch + result.states
     formulations = tuple(FORMULATIONS[key] for key in plan.formulations)
-    screening = screen(cases, formulations, plan.claims, plan.check_frequency.enclosures, first)
+    with activity(f"screening {counted(len(cases), 'state')}"):
+        screening = screen(cases, formulations, plan.claims, plan.check_frequency.enclosures, first)
     result.counts["states"] += len(cases)
     result.counts["enclosed"] += screening.enclosed
     result.counts["not finite"] += len(screening.non_finite)
@@ -339,13 +348,15 @@ def screen_and_judge(
     most = MOST_JUDGED if most is None else most
     for rank, i in enumerate(suspects):
         scores: dict[str, float] = {}  # of a suspect that is not judged its score is not known
-        if rank < most:
+        if rank < most and not result.over():
             claims = screening.suspects[i] & set(plan.claims)
             for one in judge(i, claims, "suspects judged"):
                 if one.verdict in DECIDED:
                     scores[one.claim] = max(scores.get(one.claim, 0.0), one.ratio)
         screening.settle(i, scores)
     for how, i, claims in sampled(plan, screening, first, ordinary):
+        if result.over():
+            break
         judge(i, claims, how)
     update_population(result.population, screening.scores, cases)
 
@@ -397,10 +408,12 @@ class RandomStatePlan(StatePlan):
         earlier, best = result.population, Population()
         _merge(best, earlier)
         for _ in range(STRUCTURES):
+            if result.over():
+                break
             result.population = {}
             super().search(result, random)
             _merge(best, result.population)
-        if self.climbing and earlier:
+        if self.climbing and earlier and not result.over():
             result.population = _population_of_best_structure(earlier, random)
             self.climb(result, random)
             _merge(best, result.population)
@@ -548,8 +561,13 @@ class FunctionsPlan(CampaignPlan):
 
     def check(self, result: RoundResult, drawn: DrawnCases, random: np.random.Generator) -> None:
         """Check states one by one, and count the decided states of each claim and subject."""
-        by_state = [check_functions_at(self.kind, state, self.claims) for _, state in drawn[0]]
-        result.add_cases(drawn[0], by_state)
+        by_state: list[Sequence[Finding]] = []
+        for _, state in drawn[0]:
+            if (by_state or result.states) and time_is_up():
+                result.cut = True
+                break
+            by_state.append(check_functions_at(self.kind, state, self.claims))
+        result.add_cases(drawn[0][: len(by_state)], by_state)
         for finding in chain.from_iterable(by_state):
             claim = f"{finding.claim} [{finding.subject}]"
             result.counts[f"{PREFIX[finding.verdict]}{claim}"] += 1

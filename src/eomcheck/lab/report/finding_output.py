@@ -19,7 +19,7 @@ from eomcheck import __version__
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.findings import INDENT
 from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.console import console
+from eomcheck.console import console, report_progress
 from eomcheck.draws.fuzz_cases import FAMILIES
 from eomcheck.engines import Engine, represents, version_of
 from eomcheck.formulations import FORMULATIONS
@@ -44,7 +44,7 @@ from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say, table_
 from eomcheck.lab.show.table import write_json as write_document
 from eomcheck.lab.store.record_file import group
 from eomcheck.lab.store.validation_runs import StoredFinding, stored_findings_of_runs
-from eomcheck.safe_output import counted, printable
+from eomcheck.safe_output import counted, listed, printable
 
 # ---- Validation ----------------------------------------------------------------------------------
 
@@ -161,11 +161,21 @@ def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[typ
             say(f"skipped: {key}, {states}: {engine.key} represents none of them")
 
 
+AS_LARGE = "the rounding error is as large as the value"
+
+
 def print_unresolved(claims: Iterable[ClaimSummary]) -> None:
-    """Print the entries that are resolved in no state; tables show them as passed."""
+    """Print what is resolved in no state, which tables show as passed, or else in some states."""
     for summary in claims:
         for row in summary.unresolved:
             say(f"inconclusive: {summary.claim.id} on {row.scene}: {row.detail}")
+        some = [row for row in summary.rows if row.verdict == "inconclusive"]
+        if some and not summary.unresolved:
+            states = counted(len({row.location for row in some}), "state")
+            subjects = listed([*dict.fromkeys(row.subject for row in some)], 3)
+            first = max(some, key=lambda row: row.ratio)
+            why = first.detail or AS_LARGE
+            say(f"inconclusive: {summary.claim.id} [{subjects}] at {states}: {why}")
 
 
 def print_skipped(claims: Iterable[ClaimSummary]) -> None:
@@ -306,9 +316,7 @@ class ProgressPrinter:
             high = f"; worst {candidate.score:.2g}, {f'{claim} {formulation}'.strip()}"
         states = counted(campaign.states, campaign.plan.noun)
         rate = f"{states}, {new / (now - self._start):.0f} a second"
-        console.print(
-            f"{rate}{high}; {counted(len(campaign.failure_records), 'failure')}", highlight=False
-        )
+        report_progress(f"{rate}{high}; {counted(len(campaign.failure_records), 'failure')}")
 
 
 def rate_of(campaign: Campaign) -> float:
