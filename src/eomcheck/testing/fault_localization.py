@@ -13,7 +13,7 @@ form in v, so that its values at v = e_i and e_i + e_j give all coefficients at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple, TypeVar
@@ -402,6 +402,7 @@ def localize_faults(
     changed: dict[int, Finding] = {}
     unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
     unsettled |= unsettled_by_calls(functions, calls)
+    conflicts = with_called_suspects(conflicts, calls, settled_by(findings, unsettled))
     for blame in blames_of(findings, conflicts, unsettled, confirmed):
         own = [finding.finding for finding in blame.conflicts]
         cause = " or ".join(blame.causes)
@@ -518,6 +519,30 @@ def unsettled_by_calls(
             if caller in read and called & read:
                 pairs |= {(claim, name) for name in (caller, *called)}
     return pairs
+
+
+SOLVED_BY_OTHERS = "qdd", "inverse_dynamics"
+"""Functions that hold the equations of motion, and usually call the functions of their terms."""
+
+
+def with_called_suspects(
+    conflicts: Sequence[Conflict], calls: Mapping[str, frozenset[str]], settled: Collection[str]
+) -> list[Conflict]:
+    """Return conflicts with the functions that a suspect calls, where other failures suspect these.
+
+    Args:
+        conflicts: the failures.
+        calls: see `called_functions`.
+        settled: functions that are right, and so are those that they call.
+    """
+    callers = [x for x in SOLVED_BY_OTHERS if x in calls and x not in settled]
+    wider = []
+    for k, conflict in enumerate(conflicts):
+        elsewhere = {x for other in (*conflicts[:k], *conflicts[k + 1 :]) for x in other.suspects}
+        called = {x for caller in callers if caller in conflict.suspects for x in calls[caller]}
+        more = (called & elsewhere) - conflict.read  # read directly, they are judged already
+        wider.append(conflict._replace(suspects=conflict.suspects | more))
+    return wider
 
 
 def exchanged_functions(detail: str) -> frozenset[str]:
