@@ -249,7 +249,7 @@ def diagnosis(failed: list[Any]) -> str:
     if not failed:
         return "-"
     first = failed[0]
-    parts = [x for x in str(first.detail).split("; ") if not x.endswith(", and repeats any mistake")]
+    parts = [x for x in str(first.detail).split("; ") if not x.endswith("repeats any mistake")]
     return f"{first.cause}: {parts[1] if len(parts) > 1 else parts[0]}"
 
 
