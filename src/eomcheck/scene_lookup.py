@@ -42,6 +42,9 @@ def _paper(links: int | None) -> Snake:
 URDF, MJCF = (".urdf",), (".xml", ".mjcf")
 """Ends of the names of robot files."""
 
+SDF = ".sdf"
+"""End of the names of robot files that are not read: PyPI's Pinocchio reads none either."""
+
 
 def _file_and_suffix(name: str) -> tuple[str, str | None]:
     """Return the file and the suffix behind a colon; None without a colon."""
@@ -107,6 +110,9 @@ def _looked_up(name: str) -> type[Scene]:
         return robot_named(name)
     if name.endswith(f":{FLOATING}"):
         raise InputError(f"scene = {name!r}: only the root of a robot in a .urdf can be set free")
+    if name.lower().endswith(SDF):
+        wanted = "expected the same robot as a .urdf, .xml or .mjcf"
+        raise InputError(f"scene = {name!r} is an SDF, which is not read here, {wanted}")
     return class_named(SCENE, name)
 
 

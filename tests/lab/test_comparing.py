@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.engine_quantities import CONFORMANCE
-from eomcheck.claims.run import ValidationRun
+from eomcheck.claims.run import ValidationRun, validate
 from eomcheck.cli import app
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap, asked_by_default
@@ -56,6 +56,62 @@ def installed(key: str) -> None:
         READERS[key].version()
     except EngineError as error:
         pytest.skip(str(error))
+
+
+SEVERAL = """<robot name="r">LINKS
+<joint name="j" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0.1 0.2"
+ rpy="0.3 0 0.1"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="k" type="KIND"><parent link="a"/><child link="b"/>
+ <origin xyz="0.3 0.1 0.2" rpy="0.3 0.4 0.1"/><axis xyz="AXIS"/></joint>
+<joint name="l" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0 0.1 0.2"/>
+ <axis xyz="1 0 0"/></joint></robot>"""
+
+
+def with_several(path: Path, kind: str, axis: str = "0 0 1") -> Path:
+    """Write a robot whose second joint has several coordinates; return `path`."""
+    link = (
+        '<link name="NAME"><inertial><origin xyz="0.1 0.05 -0.2" rpy="0.1 0.2 0.3"/><mass value="2"'
+        '/><inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0.01" ixz="0.02" iyz="0.03"/></inertial>'
+        "</link>"
+    )
+    text = SEVERAL.replace(
+        "LINKS", "".join(link.replace("NAME", name) for name in ("base", *"abc"))
+    )
+    path.write_text(text.replace("KIND", kind).replace("AXIS", axis))
+    return path
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    ("kind", "axis", "key", "other"),
+    [
+        ("planar", "0 0 1", "pinocchio", "drake"),
+        ("planar", "0 1 2", "mujoco", "drake"),
+        ("floating", "0 0 1", "pinocchio", "mujoco"),
+        ("spherical", "0 0 1", "mujoco", "pinocchio"),
+    ],
+)
+def test_a_planar_floating_or_ball_joint_agrees_with_a_library_that_reads_it(
+    tmp_path: Path, kind: str, axis: str, key: str, other: str
+):
+    path = with_several(tmp_path / "r.urdf", kind, axis)
+    scene = from_urdf(path, floating=True, gravity=(1.0, -2.0, -9.0))
+    claims = {"mass-matrix", "bias", "engine-acceleration", "engine-inverse-dynamics"}
+    claims |= {"engine-momentum-matrix", "engine-frame-jacobian"}
+    if axis == "0 0 1" and kind == "planar":
+        claims |= {"engine-inverse-dynamics-derivatives"}
+    options = {"engines": [READERS[key]], "formulations": ["gw"], "claims": sorted(claims)}
+    found = validate(scene, examples=1, **options)
+    assert {one.claim for one in found if one.verdict == "passed"} == claims
+    others = {(one.claim, one.verdict) for one in found if one.verdict != "passed"}
+    assert others <= {("engine-frame-jacobian", "skipped")}  # of links merged with others
+    assert not READERS[other].represents(scene)
+
+
+def test_pinocchio_takes_the_plane_of_a_planar_joint_across_z_whatever_its_axis(tmp_path: Path):
+    scene = from_urdf(with_several(tmp_path / "r.urdf", "planar", "0 1 2"))
+    options = {"engines": [READERS["pinocchio"]], "formulations": ["gw"], "claims": ["mass-matrix"]}
+    assert "failed" in {one.verdict for one in validate(scene, examples=1, **options)}
 
 
 @pytest.mark.sampled(11)

@@ -469,7 +469,18 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "b">]><mujoco>&a;</mujoco>'
             f'<mujoco><worldbody><replicate count="9999">{BODY}</replicate></worldbody></mujoco>',
             "9999 of <body>, replicated and attached, expected at most 5000",
         ),
-        ('<mujoco><worldbody><composite type="cable"/></worldbody></mujoco>', "holds <composite>"),
+        (
+            '<mujoco><worldbody><composite type="cable"/></worldbody></mujoco>',
+            "holds <composite>, which MuJoCo 4 does not have either, expected bodies, joints and",
+        ),
+        (
+            '<mujoco><worldbody><flexcomp type="grid"/></worldbody></mujoco>',
+            "holds <flexcomp>, a deformable body, expected rigid ones",
+        ),
+        (
+            "<mujoco><deformable><flex/></deformable></mujoco>",
+            "holds <flex>, a deformable body, expected rigid ones",
+        ),
         ('<mujoco><extension><plugin plugin="x"/></extension></mujoco>', "is refused by MuJoCo"),
         (
             '<mujoco><asset><hfield nrow="60000" ncol="9" name="h"/></asset></mujoco>',

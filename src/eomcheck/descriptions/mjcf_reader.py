@@ -70,8 +70,14 @@ from eomcheck.numbers.generic import FLOAT64, Array
 
 MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
 
-NOT_UNDERSTOOD = frozenset({"composite", "flex", "flexcomp"})
-"""Elements that add bodies that are not rigid, or more than they contain."""
+DEFORMABLE = "a deformable body, expected rigid ones"
+
+NOT_UNDERSTOOD = {
+    "composite": "which MuJoCo 4 does not have either, expected bodies, joints and <replicate>",
+    "flex": DEFORMABLE,
+    "flexcomp": DEFORMABLE,
+}
+"""Element that adds bodies that are not rigid, or more than it contains -> reason to refuse it."""
 
 JOINTS = "joint", "freejoint"
 
@@ -222,7 +228,7 @@ def _files(path: Path) -> Iterator[tuple[Path, Element]]:
 def _check(root: Element, path: Path) -> None:
     counts = Counter(element.tag for element in root.iter())
     if strange := sorted(NOT_UNDERSTOOD & counts.keys()):
-        raise Unreadable(f"{str(path)!r} holds <{strange[0]}>, which is not understood here")
+        raise Unreadable(f"{str(path)!r} holds <{strange[0]}>, {NOT_UNDERSTOOD[strange[0]]}")
     for tag in ("body", "joint"):
         if counts[tag] > MAX_FILE_ELEMENTS:
             count = f"{counts[tag]} elements <{tag}>"

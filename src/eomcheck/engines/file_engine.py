@@ -254,12 +254,52 @@ def file_of(scene: Scene, format: str = "urdf") -> Path | None:
     """
     if not (isinstance(scene, Mechanism) and scene.source.format == format and scene.as_described):
         return None
-    if format == "mjcf":
-        return Path(scene.source.file)
+    return Path(scene.source.file)
+
+
+class CompoundJoint(NamedTuple):
+    """A joint with several coordinates in a library, as a part of a free base."""
+
+    own: slice
+    """Its velocities among those of the library."""
+    kind: str
+    """Its kind, a key of `PARTS_OF_BASE`."""
+
+    def state(self, x: Array, rates: Array) -> Array:
+        """Return coordinates and rates (2, 6) of the free base that it is a part of."""
+        state = np.zeros((2, FREE))
+        state[:, PARTS_OF_BASE[self.kind].coordinates] = x[self.own], rates[self.own]
+        return state
+
+
+class PartOfBase(NamedTuple):
+    """Coordinates and velocities of a joint among those of a free base, linear ones first."""
+
+    coordinates: list[int]
+    velocities: list[int]
+
+
+PARTS_OF_BASE = {
+    "floating": PartOfBase([*range(FREE)], [*range(FREE)]),
+    "spherical": PartOfBase([3, 4, 5], [3, 4, 5]),
+    "planar": PartOfBase([0, 1, 3], [0, 1, 5]),
+}
+"""Kind of joint with several coordinates -> the part of a free base that it is."""
+
+
+def compound_joints(scene: Mechanism) -> dict[str, str]:
+    """Return the kinds of the joints with several coordinates by name, a free base left out."""
     first = FREE if is_free(scene) else 0
-    # A joint with several coordinates has names of its own for them, unknown to the file.
-    named = {slot.name for slot in scene.plan.joints[:first]}
-    return Path(scene.source.file) if set(scene.source.compound_coordinates) <= named else None
+    base = {slot.name for slot in scene.plan.joints[:first]}
+    names = [name for name in scene.source.compound_coordinates if name not in base]
+    kinds: dict[str, str] = {}
+    for name in names:
+        joint, _, part = name.rpartition("_")
+        if part == "turn":
+            kinds[joint] = "planar"
+        elif part == "roll":
+            kinds[joint] = "floating" if f"{joint}_z" in names else "spherical"
+    return kinds
 
 
 def is_free(scene: Scene) -> bool:
@@ -343,7 +383,13 @@ class FileEngine(TreeEngine):
     undamped: ClassVar[bool] = False
     """Whether its accelerations leave out the dampers of the file."""
 
+    compounds: ClassVar[frozenset[str]] = frozenset()
+    """Kinds of joints with several coordinates in a URDF that it maps, besides a free base."""
+
     _joints: list[str]
+
+    _compounds: tuple[CompoundJoint, ...] = ()
+    """Joints whose velocities are not the rates of their coordinates; `_read` sets them."""
 
     @classmethod
     def inputs_of(cls, scene: Scene) -> TreeInputs:
@@ -392,8 +438,13 @@ class FileEngine(TreeEngine):
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is a robot with the parameters of a file of this format."""
-        return file_of(scene, cls.format) is not None
+        """Return whether the scene is a robot with the parameters of a file of this format.
+
+        A URDF with joints of several coordinates only where the adapter maps them (`compounds`).
+        """
+        if not isinstance(scene, Mechanism) or file_of(scene, cls.format) is None:
+            return False
+        return cls.format == "mjcf" or {*compound_joints(scene).values()} <= cls.compounds
 
     def leaves_out(self, method: str) -> str:
         """Return the part of the file that a result leaves out, as text; "" where none is known.
@@ -423,22 +474,36 @@ class FileEngine(TreeEngine):
         return self._joints
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (S q + shift, S, 0); a free base comes first, with its `pose`, own S and Ṡ v."""
-        x, S = self.coordinates @ q + self.shift, self.coordinates.copy()
-        rest = np.zeros(len(x))
+        """Return (S q + shift, S, 0); a free base comes first, with its `pose`, own S and Ṡ v.
+
+        So have joints with several coordinates (`_compounds`); their x are those of the scene.
+        """
+        x, S = self.coordinates @ q + self.shift, np.eye(self._n)
+        rates, rest = self.coordinates @ v, np.zeros(self._n)
+        for joint in self._compounds:
+            state = joint.state(x, rates)
+            whole, more = free_base(*state).velocity(self.base_velocity, state[1])
+            part = PARTS_OF_BASE[joint.kind]
+            S[joint.own, joint.own] = whole[np.ix_(part.velocities, part.coordinates)]
+            rest[joint.own] = more[part.velocities]
         if self.base:
             base = self.base_frame(q, v)
             S[:FREE, :FREE], rest[:FREE] = base.velocity(self.base_velocity, v[:FREE])
             x = np.concatenate([self.pose(base), x[FREE:]])
-        return VelocityMap(x, S, rest)
+        return VelocityMap(x, S @ self.coordinates, rest)
 
     def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n), by dual numbers; those of joints are 0."""
-        along, more = super().velocity_map_derivatives(q, v)
+        along, more = np.zeros((2, self._n, self._n))
+        x, rates = self.coordinates @ q + self.shift, self.coordinates @ v
+        for joint in self._compounds:
+            parts = base_derivatives(free_base, self.base_velocity, *joint.state(x, rates))
+            block = np.ix_(*reversed(PARTS_OF_BASE[joint.kind]))
+            along[joint.own, joint.own], more[joint.own, joint.own] = (y[block] for y in parts)
         if self.base:
             parts = base_derivatives(self.base_frame, self.base_velocity, q[:FREE], v[:FREE])
             along[:FREE, :FREE], more[:FREE, :FREE] = parts
-        return along, more
+        return along @ self.coordinates, more @ self.coordinates
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
         """Return the frame that represents a free base in the library; q and v are the scene's."""

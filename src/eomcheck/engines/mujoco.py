@@ -21,14 +21,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.descriptions.elements import COORDINATES
 from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import (
-    FREE,
     BaseVelocity,
+    CompoundJoint,
     FileEngine,
     RobotDescription,
-    base_derivatives,
     free_base,
 )
 from eomcheck.engines.tree_engine import (
@@ -367,6 +367,12 @@ class MujocoEngine(TreeSolverEngine):
 
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
+SEVERAL = {FREE_JOINT: "floating", BALL_JOINT: "spherical"}
+"""Type of a joint with several velocities -> its kind."""
+
+PARTS_OF_PLANAR = dict(zip(("TX", "TY", "RZ"), COORDINATES["planar"], strict=True))
+"""Ending of the names of MuJoCo's joints for a planar one -> that of the coordinate."""
+
 
 class MujocoFile(FileEngine, MujocoEngine):
     """URDF read by `mujoco.MjSpec.from_string`, with the same result as `MjModel`."""
@@ -377,6 +383,7 @@ class MujocoFile(FileEngine, MujocoEngine):
 
     compliant = False
     base_velocity = BaseVelocity("ground", "base")
+    compounds = frozenset({"planar", "spherical"})
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._mj = library
@@ -393,7 +400,42 @@ class MujocoFile(FileEngine, MujocoEngine):
         model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT)
         self.data = library.MjData(model)
         # The first joint is that of a free base.
-        self._joints = [model.joint(i).name for i in range(bool(self.base), model.njnt)]
+        names, self._joints = self.inputs.coordinate_names, []
+        for i in range(bool(self.base), model.njnt):
+            name = model.joint(i).name
+            if model.jnt_type[i] == BALL_JOINT:
+                self._joints += [name + part for part in COORDINATES["spherical"]]
+                continue
+            joint, _, part = name.rpartition("_")
+            own = joint + PARTS_OF_PLANAR.get(part, "")
+            self._joints.append(own if name not in names and own in names else name)
+        self._find_compounds()
+
+    def _find_compounds(self) -> None:
+        """Find the balls and free joints of the model, besides a free base."""
+        model = self.model
+        self._compounds = tuple(
+            CompoundJoint(slice(first, first + len(COORDINATES[SEVERAL[kind]])), SEVERAL[kind])
+            for kind, first in zip(model.jnt_type, model.jnt_dofadr, strict=True)
+            if kind in SEVERAL and first >= self.base
+        )
+
+    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
+        """Return (x, S, Ṡ v), with quaternions and body-fixed angular velocities.
+
+        They belong to free and ball joints. A free joint also has the velocity of its origin along
+        the axes of the ground.
+        """
+        x, S, rest = super().velocity_map(q, v)
+        more, still = len(x) - self._n, np.zeros(self._n)
+        parts, first = x[:more].tolist(), 0
+        x = x[more:]
+        for joint in self._compounds:
+            base = free_base(*joint.state(x, still))
+            slides = base.position if joint.kind == "floating" else ()
+            parts += [*x[first : joint.own.start], *slides, *base.quaternion]
+            first = joint.own.stop
+        return VelocityMap(np.array([*parts, *x[first:]]), S, rest)
 
     def _move_to(self, x: Array, rate: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = x, rate
@@ -422,9 +464,6 @@ class MujocoFile(FileEngine, MujocoEngine):
 
 # ---- Model read from an MJCF file ----------------------------------------------------------------
 
-TURNS = 3
-"""Number of coordinates of a ball joint; MuJoCo has a quaternion for them."""
-
 
 class MjcfFile(MujocoFile):
     """MJCF read by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
@@ -448,51 +487,4 @@ class MjcfFile(MujocoFile):
         damped = zip(self._joints, model.dof_damping, strict=True)
         names = frozenset(name for name, damping in damped if damping)
         self.description = description._replace(damped=names)
-
-    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (x, S, Ṡ v), with quaternions and body-fixed angular velocities.
-
-        They belong to free and ball joints. A free joint also has the velocity of its origin along
-        the axes of the ground.
-        """
-        x: list[float] = []
-        q, v = self.coordinates @ q, self.coordinates @ v  # in the order of the file
-        S, rest = np.eye(self._n), np.zeros(self._n)
-        for own, part in self._blocks():
-            if part is None:
-                x.append(float(q[own].item()))
-                continue
-            state = _base_state(q[own], v[own])
-            base = free_base(*state)
-            whole, more = base.velocity(self.base_velocity, state[1])
-            S[own, own], rest[own] = whole[part, part], more[part]
-            x += [*(base.position if part.start == 0 else ()), *base.quaternion]
-        return VelocityMap(np.array(x), S @ self.coordinates, rest)
-
-    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n), by dual numbers."""
-        q, v = self.coordinates @ q, self.coordinates @ v
-        along, more = np.zeros((2, self._n, self._n))
-        for own, part in self._blocks():
-            if part is not None:
-                parts = base_derivatives(
-                    free_base, self.base_velocity, *_base_state(q[own], v[own])
-                )
-                along[own, own], more[own, own] = (x[part, part] for x in parts)
-        return along @ self.coordinates, more @ self.coordinates
-
-    def _blocks(self) -> Iterator[tuple[slice, slice | None]]:
-        """Yield the coordinates of each joint, and which of a free base they are; None if none."""
-        first = 0
-        for kind in self.model.jnt_type:
-            count = {FREE_JOINT: FREE, BALL_JOINT: TURNS}.get(kind, 1)
-            part = slice(FREE - count, FREE) if count > 1 else None
-            yield slice(first, first + count), part
-            first += count
-
-
-def _base_state(q: Array, v: Array) -> Array:
-    """Return the state (2, 6) of a free base, from that of a free joint or a ball."""
-    state = np.zeros((2, FREE))
-    state[:, FREE - len(q) :] = q, v
-    return state
+        self._find_compounds()

@@ -10,9 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions.elements import COORDINATES
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
+from eomcheck.engines.file_engine import (
+    FREE,
+    BaseVelocity,
+    CompoundJoint,
+    FileEngine,
+    FreeBase,
+    RobotDescription,
+    free_base,
+)
 from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.numbers.generic import Array
 
@@ -230,12 +239,17 @@ def rows_of(matrix: Any, rows: int) -> Array:
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
 
+KINDS_BY_VELOCITIES = {1: "revolute", 3: "planar", FREE: "floating"}
+"""Number of velocities of a joint that Pinocchio reads in a URDF -> its kind, of 1 any such one."""
+
+
 class PinocchioFile(FileEngine, PinocchioEngine):
     """URDF read by `pinocchio.buildModelFromXML`."""
 
     key = "pinocchio_file"
     base_velocity = BaseVelocity("base", "base")
     undamped = True
+    compounds = frozenset({"planar", "floating"})
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._pin = library
@@ -244,16 +258,30 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         self.model.gravity.linear = np.zeros(3)
         self.data = self.model.createData()
         # The first joint is the universe, the next one that of a free base.
-        self._joints = list(self.model.names)[2 if self.base else 1 :]
+        first = 2 if self.base else 1
+        named = zip(self.model.names, self.model.joints, strict=True)
+        self._joints = []
+        for name, joint in [*named][first:]:
+            kind = KINDS_BY_VELOCITIES[joint.nv]
+            self._joints += [name + part for part in COORDINATES[kind]]
+            if joint.nv > 1:
+                own = slice(joint.idx_v, joint.idx_v + joint.nv)
+                self._compounds += (CompoundJoint(own, kind),)
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (x, S, Ṡ v); x holds cosine and sine of joints without limits."""
+        """Return (x, S, Ṡ v); x holds cosine and sine of planar joints and those without limits."""
         x, S, rest = super().velocity_map(q, v)
-        joints = list(self.model.joints)[-len(self._joints) :]
-        pose, angles = np.split(x, [len(x) - len(joints)])
-        parts = pose.tolist()
-        for joint, angle in zip(joints, angles, strict=True):
-            parts += [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
+        pose, rates = x[: len(x) - self._n + self.base], np.zeros(self._n)
+        x, parts = x[len(x) - self._n :], pose.tolist()
+        compounds = {joint.own.start: joint for joint in self._compounds}
+        for joint in [*self.model.joints][2 if self.base else 1 :]:
+            i = joint.idx_v
+            if joint.nv == FREE:
+                parts += self.pose(free_base(*compounds[i].state(x, rates))).tolist()
+                continue
+            *sliding, angle = x[i : i + joint.nv]
+            turn = [angle] if joint.nq == joint.nv else [np.cos(angle), np.sin(angle)]
+            parts += [*sliding, *turn]
         return VelocityMap(np.array(parts), S, rest)
 
     def pose(self, base: FreeBase) -> Array:
