@@ -538,3 +538,20 @@ def test_identities_are_proved_where_joints_follow_others_float_or_carry_wheels(
 
 def test_identities_are_proved_where_angles_are_absolute():
     check_proofs(subject("chain-pendulum")[0])
+
+
+@pytest.mark.parametrize("claim", ["regressor-identity", "coriolis-identities"])
+@pytest.mark.parametrize("angle", [-3e8, 2.0**40, 1.7])
+def test_joint_angles_are_known_to_the_rounding_of_the_angles_that_they_are_differences_of(
+    claim: str, angle: float
+):
+    """Found by fuzzing: a difference of 3e8 rad has 8 digits, and its error was taken for wrong."""
+    links = 7
+    ones = np.ones(links)
+    scene = Snake(ones, ones, 0.0 * ones, 0.0 * ones[1:], 0.0 * ones)
+    q = np.array([*np.zeros(6), 1.7, angle, 0.0])
+    v = np.array([-0.03, *(0.05 * np.array([0.5, -1.0, 1.0, -1.0, 1.0, -1.0, -0.7, 0.1]))])
+    findings = eomcheck.check_state(scene, q, v, consistent=False, claims=[claim])
+    assert {x.verdict for x in findings} == {"passed"}
+    allowed = max(x.allowed for x in findings if x.subject in ("τ", "C v"))
+    assert 1e-17 * abs(angle) < allowed < 1e-11 + 1e-13 * abs(angle)

@@ -278,22 +278,18 @@ def joint_coordinates(tree: Tree, arithmetic: Arithmetic) -> tuple[Array, Array]
 def joint_positions(
     model: TreeModel,
     arithmetic: Arithmetic,
-    T: Array,
-    shift: Array,
-    q: Array,
+    x: Array,
     angles: Angles | None = None,
 ) -> PreparedMechanism:
-    """Return the joint coordinates T q + shift of a model that has a `Tree`, and their angles.
+    """Return the joint coordinates of a model that has a `Tree`, and their angles.
 
     Args:
         model: the model.
         arithmetic: source of the angles.
-        T: matrix from q to the joint coordinates (n_j, n).
-        shift: constant part of these (n_j,).
-        q: coordinates (n,).
+        x: joint coordinates (n_j,).
         angles: angles of the hinges, if they are known.
     """
-    x, hinges = T @ q + shift, list(model.plan.hinges)
+    hinges = list(model.plan.hinges)
     if hinges and angles is None:
         angles = arithmetic.angles(x[hinges])
     return PreparedMechanism(x, angles, None)

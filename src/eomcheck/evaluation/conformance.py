@@ -197,8 +197,9 @@ class ConformancePoint:
     def _prepared(self) -> Any:
         if self.model.tree is None:
             return self.at.prepared
-        arithmetic, at_q = self.at.prepare_arithmetic, (*self._coordinates, self.at.q)
-        return joint_positions(self.model, arithmetic, *at_q, self._scene_angles)
+        T, shift = self._coordinates
+        x = self.at.rounded_sum(T, self.at.q, shift)
+        return joint_positions(self.model, self.at.prepare_arithmetic, x, self._scene_angles)
 
     @cached_property
     def _scene_angles(self) -> Angles | None:

@@ -172,6 +172,15 @@ class PerturbedEvaluation(Evaluation):
         """Return `record`, perturbed in every sample by itself."""
         return self.finished(self.noise.repeated(record))
 
+    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Array:
+        """Return coordinates T q + shift, perturbed where they are sums, or products."""
+        data = batch_data(q, self.count)
+        exact = np.count_nonzero(T, axis=1) + (shift != 0.0) <= 1
+        exact &= (np.isin(T, (0.0, 1.0, -1.0))).all(axis=1)
+        size = np.where(exact, 0.0, np.abs(data) @ np.abs(T).T + np.abs(shift))
+        x = data @ T.T + shift
+        return BatchArray(np.where(exact, x, self.noise.perturbed(x, size)))
+
     @cached_quantity
     def parameters(self) -> Any:
         """The scene's parameters, perturbed."""

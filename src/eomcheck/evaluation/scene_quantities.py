@@ -184,6 +184,10 @@ class Quantities:
         """Return `record`, numbers that are the same in every state, as parameters are cached."""
         return self.finished(record)
 
+    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Array:
+        """Return coordinates T q + shift (k,), which are rounded where they are sums."""
+        return T @ q + shift
+
     def in_numbers(self, record: Any) -> Any:
         """Return `record` with its literals as numbers of the arithmetic."""
         literal = getattr(self.arithmetic, "literal", None)
