@@ -330,6 +330,14 @@ def test_constraints_are_the_same_in_any_order_of_joints_and_with_printed_digits
     assert compared_mjcf(tmp_path, first, spec.to_xml()).is_same
 
 
+def test_an_armature_of_a_ball_that_differs_is_named_alone_with_its_effect(tmp_path: Path):
+    text = '<mujoco><worldbody><body><joint type="ball" name="b" armature="{}"/><geom size="0.1" '
+    text += 'pos="0.3 0 0.1"/></body></worldbody></mujoco>'
+    found = compared_mjcf(tmp_path, text.format(0.3), text.format(0.2))
+    assert [str(one) for one in found.differences] == ["joint b_roll: armature: 0.3, 0.2"]
+    assert next(x.size for x in found.effects if x.quantity == "M") > 0.1
+
+
 def test_the_effect_is_at_the_joint_that_differs_in_any_order(tmp_path: Path):
     other = chain_text(order="rl").replace('"l" axis="0 1 0"', '"l" axis="0 1 0" armature="5"')
     for first, second in ((chain_text(), other), (other, chain_text())):
