@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.console import activity
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
 from eomcheck.errors import InputError, required, safe_repr
 from eomcheck.evaluation.evaluation import Evaluation
@@ -154,6 +155,7 @@ class _Numbers:
 
     def __init__(self, method: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
         self._sympy = required("sympy", "sympy")
+        self._plain: dict[int, tuple[Any, Any]] = {}
         self.what = method
         if not isinstance(parameters, Mapping | None):
             shown = safe_repr(parameters)
@@ -168,7 +170,11 @@ class _Numbers:
 
     def plain(self, expression: Any) -> Any:
         """Return an expression as a matrix in symbols for q and v alone."""
-        return self._replace_names(expression).subs(self._parameters)
+        key = id(expression)
+        if key not in self._plain:  # an expression that is kept has an id of its own
+            plain = self._replace_names(expression).subs(self._parameters)
+            self._plain[key] = expression, plain
+        return self._plain[key][1]
 
     def _replace_names(self, expression: Any) -> Any:
         """Return an expression as a matrix, its coordinates and speeds replaced by `_arguments`."""
@@ -203,8 +209,9 @@ class _Numbers:
 
     def __call__(self, expression: Any) -> Callable[[Array, Array], Array]:
         """Return the function (q, v) -> array (rows, columns) of an expression."""
-        plain = self.plain(expression)
-        function = self._sympy.lambdify(self._arguments, plain, "numpy", cse=True)
+        with activity("compiling the equations of SymPy"):
+            plain = self.plain(expression)
+            function = self._sympy.lambdify(self._arguments, plain, "numpy", cse=True)
 
         def numbers(q: Array, v: Array) -> Array:
             return np.asarray(function(*q, *v), np.float64)
@@ -279,12 +286,14 @@ def from_kane(
         )
     rates, t = kane.kindiffdict(), mechanics.dynamicsymbols._t
     numbers = _Numbers("kane", kane.q, kane.u, parameters)
-    seconds = {x.diff(t): mechanics.msubs(y.diff(t), rates) for x, y in rates.items()}
+    with activity("differentiating the kinematic equations of SymPy"):
+        seconds = {x.diff(t): mechanics.msubs(y.diff(t), rates) for x, y in rates.items()}
     in_u = seconds | dict(rates)
 
     energy = mechanics.kinetic_energy(kane._inertial, *kane.bodies)
     speeds = required("sympy", "sympy").Matrix([rates[q.diff()] for q in kane.q])
-    expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
+    with activity("replacing rates by speeds in the equations of SymPy"):
+        expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
     inertias = (body.central_inertia.args for body in kane.bodies if hasattr(body, "inertia"))
     further = [body.mass for body in kane.bodies] + [x[0] for inertia in inertias for x in inertia]
     numbers.check(*expressions, others=[*further, kane._f_h])
@@ -293,17 +302,20 @@ def from_kane(
 
     def W(q: Array) -> Array:
         """Matrix W of all speeds from the independent ones (o, p)."""
+        if p == o:  # K is evaluated for dependent speeds alone
+            return np.eye(p)
         a = K(q, np.zeros(o))[p:]
         return np.vstack((np.eye(p), -np.linalg.solve(a[:, p:], a[:, :p])))
 
     def rest(q: Array, u: Array) -> Array:
-        """Velocity-dependent part of u̇ (o,), its value at u̇_i = 0."""
+        """Velocity-dependent part of u̇ (o,), its value at u̇_i = 0; o > p."""
         a = K(q, u)[p:]
         return np.concatenate((np.zeros(p), np.linalg.solve(a[:, p:], f(q, u)[p:, 0])))
 
     def bias(q: Array, u: Array) -> Array:
         full = W(q) @ u
-        return K(q, full)[:p] @ rest(q, full) + loads(q, full)[:, 0] - f(q, full)[:p, 0]
+        known = loads(q, full)[:, 0] - f(q, full)[:p, 0]
+        return known if p == o else K(q, full)[:p] @ rest(q, full) + known
 
     def qdd(q: Array, u: Array) -> Array:
         full = W(q) @ u

@@ -18,6 +18,7 @@ import numpy as np
 
 from eomcheck.calls import call
 from eomcheck.class_lookup import class_named, home_of_code, module_named, object_named
+from eomcheck.console import activity
 from eomcheck.engines import Engine
 from eomcheck.errors import CallError, InputError, described_error, nearest_name, safe_repr
 from eomcheck.mechanics.scene import Scene
@@ -86,7 +87,8 @@ def read_equations(
     home, of = (name, "") if name.endswith(".py") else home_of_code(name) or ("", "")
     if not home:
         raise InputError(f"file = {name!r}, expected FILE.py or FILE.py:NAME{_scene_hint(name)}")
-    module = module_named(home)
+    with activity(f"running {home}"):
+        module = module_named(home)
     holder = object_named(name, required=True) if of else _only_model(module, home)
     if isinstance(holder, EquationsOfMotion) or is_sympy_model(holder):
         return _read_model(holder, module, n, parameters, seed)
