@@ -13,7 +13,8 @@ from tests.lab.test_recorded_answers import arm_text
 
 from eomcheck import cli
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.lab.robot_comparison import RobotComparison, compare_robots
+from eomcheck.lab.robot_comparison import RobotComparison, compare_robots, print_robots
+from eomcheck.mechanics.parameters import settable
 from eomcheck.scenes import SCENES, from_mjcf, from_urdf
 
 ARM = arm_text()
@@ -210,7 +211,8 @@ def test_effects_are_relative_to_the_largest_and_name_the_joint(tmp_path: Path):
     assert set(effects) == {"M", "gravity", "acceleration"}
     assert all(effect.size > 0.01 for effect in effects.values())
     same = compared(tmp_path, ARM, with_dynamics(5, 'damping="0.1"'))
-    assert [effect.size for effect in same.effects] == [0.0, 0.0, 0.0]
+    assert [effect.size for effect in same.effects[:2]] == [0.0, 0.0]
+    assert same.effects[2].size > 0.01, "dampers change accelerations"
 
 
 def test_digits_of_a_rounded_file_are_no_difference_and_short_numbers_are_exact(tmp_path: Path):
@@ -315,6 +317,29 @@ HELD = '<connect body1="l" body2="world" anchor="{} 0 0"/>'
 def test_a_difference_of_forces_or_constraints_is_named_alone(first, second, said, tmp_path: Path):
     (difference,) = compared_mjcf(tmp_path, chain_text(*first), chain_text(*second)).differences
     assert said in str(difference)
+
+
+@pytest.mark.parametrize("name", ["stiffness", "rest_length", "torque"])
+def test_springs_between_points_and_constant_torques_are_compared(name: str):
+    scene = SCENES["andrews"].example()
+    numbers = {x: getattr(scene, x) for x in settable(scene)}
+    other = type(scene)(**numbers | {name: 1.5 * getattr(scene, name)})
+    assert compare_robots(scene, scene, examples=3).is_same
+    comparison = compare_robots(scene, other, examples=3)
+    (difference,) = comparison.differences
+    assert "forces: springs between points, constant torques or others" in str(difference)
+    effects = {effect.quantity: effect.size for effect in comparison.effects}
+    assert effects["M"] == effects["gravity"] == 0.0 < effects["acceleration"]
+
+
+def test_tendons_are_named_as_not_compared_and_the_robots_not_as_the_same(tmp_path: Path, capsys):
+    tendon = '<tendon><fixed stiffness="3"><joint joint="j" coef="1"/></fixed></tendon></mujoco>'
+    plain = chain_text()
+    comparison = compared_mjcf(tmp_path, plain, plain.replace("</mujoco>", tendon))
+    print_robots(comparison)
+    same, unread = capsys.readouterr().out.strip().splitlines()
+    assert same.startswith("a.xml and b.xml are the same robot in all that is compared, to ")
+    assert unread == "not compared: tendons of b.xml, with their springs and dampers"
 
 
 @pytest.mark.parametrize("equality", [HELD.format(0.1), COUPLED.format("0.2 -0.7 0 0 0")])

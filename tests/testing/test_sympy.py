@@ -24,7 +24,14 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import RollingDisk
-from eomcheck.testing import check, check_functions, from_kane, from_lagrange, from_scene
+from eomcheck.testing import (
+    check,
+    check_functions,
+    converters,
+    from_kane,
+    from_lagrange,
+    from_scene,
+)
 
 m, r, g = sm.symbols("m r g")
 DISK = RollingDisk(mass=1.3, radius=0.4, gravity=9.81)
@@ -320,3 +327,34 @@ def test_findings_about_sympys_models_have_its_names():
     assert from_lagrange(pendulum(False), NUMBERS).coordinate_names == ("q1", "q2")
     own = from_kane(swung(), {m: 1.3, r: 0.4, g: 9.81}, coordinates=["angle"])
     assert own.coordinate_names == ("angle",)
+
+
+def test_a_model_without_dependent_speeds_evaluates_one_matrix_for_M_and_none_for_its_bias(
+    monkeypatch,
+):
+    compiled: list[int] = []
+    compile_expression = converters._Numbers.__call__
+
+    def counted(numbers: Any, expression: Any) -> Any:
+        function, number = compile_expression(numbers, expression), len(calls)
+        calls.append(0)
+
+        def call(q: Any, v: Any) -> Any:
+            compiled.append(number)
+            return function(q, v)
+
+        return call
+
+    calls: list[int] = []
+    monkeypatch.setattr(converters._Numbers, "__call__", counted)
+    q, u = dynamicsymbols("q u")
+    N = ReferenceFrame("N")
+    P = Point("P")
+    P.set_vel(N, u * N.x)
+    kane = KanesMethod(N, [q], [u], [u - q.diff()])
+    kane.kanes_equations([Particle("p", P, 2)], [(P, -3 * q * N.x)])
+    equations = from_kane(kane)
+    K, f, loads = 0, 1, 2
+    assert equations.M(np.ones(1)) == 2.0 and compiled == [K]
+    compiled.clear()
+    assert equations.bias(np.ones(1), np.ones(1)) == 0.0 and sorted(compiled) == [f, loads]

@@ -34,6 +34,7 @@ from eomcheck.lab.show.table import say, write_json
 from eomcheck.mechanics.records import Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS, Array
+from eomcheck.numbers.linear import solve
 from eomcheck.safe_output import counted, listed
 
 FAR_OFF = 10.0
@@ -110,6 +111,7 @@ class RobotComparison(NamedTuple):
         differences: differences, the largest first.
         effects: their effects; empty if joints are unmatched.
         resolution: relative error that the printed digits of both files explain.
+        not_compared: parts of the files that act on the motion and are not read.
     """
 
     names: tuple[str, str]
@@ -118,6 +120,7 @@ class RobotComparison(NamedTuple):
     differences: tuple[RobotDifference, ...]
     effects: tuple[Effect, ...]
     resolution: float
+    not_compared: tuple[str, ...] = ()
 
     @property
     def is_same(self) -> bool:
@@ -146,13 +149,21 @@ def compare_robots(
     whole = len(matched) == len(sides[0].tree.joint) == len(sides[1].tree.joint)
     if whole and not any(one.where.startswith("joint ") for one in found):
         found += _constraint_differences(*sides, matched, examples)
+    if whole and not {one.what for one in found} - BODY_NUMBERS:
+        found += _force_differences(*sides, matched, examples)
     found.sort(key=lambda one: -one.size)
     effects = tuple(_effects(*sides, matched, examples)) if whole and found else ()
     names = sides[0].name, sides[1].name
     if names[0] == names[1]:
         names = sides[0].location, sides[1].location
     resolution = max(x for side in sides for x in side.resolutions.values())
-    return RobotComparison(names, matched, by_structure, tuple(found), effects, resolution)
+    unread = tuple(
+        f"tendons of {name}, with their springs and dampers"
+        for side, name in zip(sides, names, strict=True)
+        if "tendons" in getattr(getattr(side.scene, "source", None), "ignored", "")
+    )
+    both = names, matched, by_structure
+    return RobotComparison(*both, tuple(found), effects, resolution, unread)
 
 
 def _merged(differences: Iterable[RobotDifference]) -> list[RobotDifference]:
@@ -801,6 +812,44 @@ def _gravity_difference(first: _Side, second: _Side, near: float) -> Iterator[Ro
         yield RobotDifference("world", "gravity", f"({_numbers(x)}), ({_numbers(y)}) m/s²", size)
 
 
+BODY_NUMBERS = {"mass", "center of mass", "inertia", "gravity"}
+"""Differences that change no other force than weight."""
+
+
+def _force_differences(
+    first: _Side, second: _Side, matched: Mapping[str, str], examples: int
+) -> Iterator[RobotDifference]:
+    """Yield the difference between forces other than weight of robots with the same joints.
+
+    Their dampers and springs are the same, so that springs between points, constant torques and
+    other forces remain.
+    """
+    columns, names = _columns(first, second, matched), first.scene.coordinate_names
+    if columns is None:
+        return
+    near, random = Closeness.of(first, second).placement, np.random.default_rng(0)
+    worst, scale = np.zeros(len(names)), 0.0
+    for _ in range(examples):
+        q, v = random.uniform(-1.0, 1.0, (2, len(names)))
+        back = _moved_back(columns, q), _moved_back(columns, v)
+        ours, size = _other_forces(first.scene, q, v)
+        theirs, other_size = _other_forces(second.scene, *back)
+        worst = np.maximum(worst, np.abs(ours - theirs[columns]))
+        scale = max(scale, size, other_size)
+    j = int(np.argmax(worst))
+    if worst[j] > near * scale:
+        text = f"springs between points, constant torques or others: up to {worst[j]:.3g} N m or N"
+        yield RobotDifference(f"coordinate {names[j]}", "forces", text, float(worst[j] / scale))
+
+
+def _other_forces(scene: Scene, q: Array, v: Array) -> tuple[Array, float]:
+    """Return the generalized forces (n,) of a scene without weight, and the size of all of them."""
+    at = Evaluation(scene, q, v)
+    Q = np.zeros(scene.n) if at.terms.Q is None else np.asarray(at.terms.Q, np.float64)
+    weight = ConformancePoint(at).weight.gradient
+    return Q + weight, max(largest(Q), largest(weight))
+
+
 def _constraint_differences(
     first: _Side, second: _Side, matched: Mapping[str, str], examples: int
 ) -> Iterator[RobotDifference]:
@@ -949,9 +998,9 @@ def _effects(
 QUANTITIES: dict[str, Callable[[ConformancePoint], Any]] = {
     "M": lambda point: point.at.terms.M,
     "gravity": lambda point: point.weight.gradient,
-    "acceleration": lambda point: point.free_acceleration,
+    "acceleration": lambda point: point.at.call(solve, point.at.terms.M, point.at.F, "M"),
 }
-"""Quantity whose change is measured -> its value at a point."""
+"""Quantity whose change is measured -> its value at a point; M⁻¹ (Q - B) with all forces."""
 
 
 # ---- Output --------------------------------------------------------------------------------------
@@ -963,12 +1012,17 @@ def print_robots(comparison: RobotComparison) -> None:
     if comparison.by_structure:
         pairs = ", ".join(f"{x} = {comparison.matched[x]}" for x in comparison.by_structure)
         say(f"matched by their place in the tree: {pairs}")
+    unread = comparison.not_compared
     if comparison.is_same:
+        same = "the same robot in all that is compared" if unread else "the same robot"
         say(
-            f"{first} and {second} are the same robot, to {comparison.resolution:.0e} of its size: "
+            f"{first} and {second} are {same}, to {comparison.resolution:.0e} of its size: "
             f"{counted(len(comparison.matched), 'joint')}",
-            "bold green",
+            "bold yellow" if unread else "bold green",
         )
+    for text in unread:
+        say(f"not compared: {text}")
+    if comparison.is_same:
         return
     number = counted(len(comparison.differences), "difference")
     say(f"{first} and {second} are two robots: {number}", "bold red")
@@ -992,5 +1046,6 @@ def write_robots(comparison: RobotComparison, path: Path) -> None:
         "by_structure": list(comparison.by_structure),
         "differences": differences,
         "effects": [effect._asdict() for effect in comparison.effects],
+        "not_compared": list(comparison.not_compared),
     }
     write_json(path, document)
