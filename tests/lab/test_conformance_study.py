@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -195,6 +196,8 @@ OLD = [
     of_engine("a", ("x", "bias", "failed", None), ("x", "gravity", "passed", 12.0)),
     of_engine("b_c", ("y", "bias", "failed", None), ("y", "forces", "inconclusive", None)),
 ]
+DIFFERING = [("a", "x"), ("b_c", "y"), ("d", "z")]
+AGREEING = [of_engine("a", (robot, "bias", "passed", 8.0)) for robot in "xy"]
 NEW = [of_engine("a", ("y", "bias", "passed", None)), of_engine("d", ("z", "bias", "failed", None))]
 
 
@@ -208,26 +211,108 @@ def test_tables_are_extended_by_engines_and_keep_the_columns_of_others(tmp_path:
     }
     cells = {row[0]: row[1:] for row in read[""].rows}
     assert read[""].columns == ["quantity", "a", "b_c", "d"]
-    assert cells["bias"] == ["agrees", "differs on 1 of 1", "differs on 1 of 1"]
-    assert cells["gravity"] == ["-", "-", "-"] and cells["forces"] == ["-", "inconclusive", "-"]
+    assert cells["bias"] == ["differs on 1 of 2", "differs on 1 of 1", "differs on 1 of 1"]
+    assert cells["gravity"] == ["12 digits", "-", "-"]
+    assert cells["forces"] == ["-", "inconclusive", "-"]
     assert read["-by-robot"].rows == [
-        ["x", "-", "-", "-"],
+        ["x", "1 of 2", "-", "-"],
         ["y", "1 of 1", "1 of 2", "-"],
         ["z", "-", "-", "0 of 1"],
     ]
     assert read["-libraries"].rows == [
+        ["a", "a 1", "2", "2", "40", "1"],
         ["b_c", "b_c 1", "2", "1", "20", "1"],
-        ["a", "a 1", "1", "1", "20", "0"],
         ["d", "d 1", "1", "1", "20", "1"],
     ]
-    assert read["-differences"].rows == [["b_c", "bias", "y"], ["d", "bias", "z"]]
+    assert read["-differences"].rows == [
+        ["a", "bias", "x"],
+        ["b_c", "bias", "y"],
+        ["d", "bias", "z"],
+    ]
     (chart,) = conformance.extends(NEW, tmp_path)[1]
     (heat,) = chart.panels.values()
     drawn = {
         name: [box and (box.text, box.hatched) for box in x] for name, (_, x) in heat.rows.items()
     }
-    shown = {"bias": [("", False), ("1", False), ("1", False)], "forces": [None, ("", True), None]}
-    assert drawn == shown
+    assert drawn == {
+        "bias": [("1", False)] * 3,
+        "forces": [None, ("", True), None],
+        "gravity": [("", False), None, None],
+    }
+
+
+def written_cells(folder: Path, *runs: Sequence[Record]) -> dict[str, list[str]]:
+    """Return the table of quantities after runs that extend each other: quantity -> cells."""
+    for number, run in enumerate(runs):
+        conformance.STUDY.write(run, folder, extend=number > 0)
+    read = table_of_markdown("conformance", (folder / "conformance.md").read_text())
+    return {row[0]: row[1:] for row in read.rows}
+
+
+def test_an_engine_asked_on_all_its_robots_again_is_replaced(tmp_path: Path):
+    again = [
+        of_engine("a", ("x", "bias", "passed", 9.0)),
+        of_engine("a", ("y", "bias", "passed", 8.0)),
+    ]
+    assert written_cells(tmp_path, OLD, again)["bias"] == ["8 digits", "differs on 1 of 1"]
+
+
+def test_an_engine_asked_on_some_of_its_robots_again_has_their_results(tmp_path: Path):
+    again = [*AGREEING[:1], *NEW[1:]]
+    cells = written_cells(tmp_path, AGREEING, again)
+    assert cells["bias"] == ["8 digits", "differs on 1 of 1"]
+    assert written_cells(tmp_path, AGREEING, again, again, AGREEING)["bias"] == cells["bias"]
+    worse = [of_engine("a", ("x", "bias", "failed", None))]
+    reason = "a has another result on x than in .* on all 2 robots there again"
+    with pytest.raises(InputError, match=reason):
+        written_cells(tmp_path, AGREEING, worse)
+
+
+def test_tables_are_the_same_if_they_are_extended_by_one_robot_after_another(tmp_path: Path):
+    records = [
+        of_engine("a", ("x", "bias", "failed", None), ("x", "gravity", "passed", 5.0)),
+        of_engine("b", ("x", "bias", "passed", 8.0), ("x", "gravity", "failed", None)),
+        of_engine("a", ("y", "bias", "failed", None), ("y", "gravity", "passed", 3.0)),
+        of_engine("b", ("z", "bias", "passed", 7.0), ("z", "gravity", "passed", None)),
+    ]
+    (tmp_path / "once").mkdir()
+    conformance.STUDY.write(records, tmp_path / "once")
+    for count in range(1, 5):
+        conformance.STUDY.write(records[:count], tmp_path, extend=count > 1)
+    for file in sorted((tmp_path / "once").glob("*.md")):
+        assert (tmp_path / file.name).read_text() == file.read_text(), file.name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "cell"),
+    [
+        (("passed", 9.0), ("passed", 12.0), "9 digits"),
+        (("passed", 12.0), ("passed", 9.0), "9 digits"),
+        (("passed", None), ("passed", 9.0), "9 digits"),
+        (("passed", None), ("inconclusive", None), "agrees"),
+        (("inconclusive", None), ("passed", None), "agrees"),
+        (("inconclusive", None), ("inconclusive", None), "inconclusive"),
+        (("passed", 9.0), ("failed", None), "differs on 1 of 2"),
+        (("failed", None), ("passed", 9.0), "differs on 1 of 2"),
+        (("failed", None), ("failed", None), "differs on 2 of 2"),
+        (("skipped", 7.0), ("skipped", 4.0), "4 digits by differences"),
+    ],
+)
+def test_cells_of_earlier_robots_and_new_ones_are_those_of_one_run(old, new, cell, tmp_path: Path):
+    first, second = of_engine("a", ("x", "bias", *old)), of_engine("a", ("y", "bias", *new))
+    assert written_cells(tmp_path, [first], [second])["bias"] == [cell]
+    assert written_cells(tmp_path, [first, second])["bias"] == [cell]
+
+
+def test_a_quantity_that_agreed_on_an_unknown_number_of_robots_is_not_extended_by_a_difference(
+    tmp_path: Path,
+):
+    first = [
+        of_engine("a", ("x", "bias", "passed", None), ("x", "gravity", "passed", None)),
+        of_engine("a", ("y", "gravity", "passed", None)),
+    ]
+    with pytest.raises(InputError, match="'agrees' of the earlier tables has no number of robots"):
+        written_cells(tmp_path, first, [of_engine("a", ("z", "bias", "failed", None))])
 
 
 @pytest.mark.parametrize(

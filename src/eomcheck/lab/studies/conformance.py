@@ -8,7 +8,8 @@ digits that are true are counted against ball arithmetic, in the first few of th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -64,6 +65,7 @@ from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
+from eomcheck.safe_output import listed
 from eomcheck.scenes import SCENES
 from eomcheck.strategies import draw_samples
 
@@ -344,24 +346,201 @@ def _box(cell: str, wrong: int) -> Box | None:
 
 # ---- Tables of an earlier run --------------------------------------------------------------------
 
-BY_ENGINE = "conformance", "conformance-by-robot"
+BY_QUANTITY, BY_ROBOT = BY_ENGINE = "conformance", "conformance-by-robot"
 """Names of the tables with a column for each engine; others have rows for each."""
+
+LIBRARIES, DIFFERENCES = "conformance-libraries", "conformance-differences"
+"""Names of the tables with rows for each engine."""
+
+NO_ANSWER = "no answer"
+"""Beginning of the cell of a quantity that a library does not answer on some robots."""
 
 
 def extends(
     records: Sequence[Record], folder: Path
 ) -> tuple[Sequence[ResultTable], Iterator[Chart]]:
-    """Return tables and charts of Records and of the engines that earlier tables have beside them.
+    """Return tables and charts of Records and of what earlier tables have beside them.
+
+    Engines that are not in the Records keep their columns and rows. An engine that is in both is
+    replaced if it was asked on all its earlier robots again; otherwise it is extended by the other
+    robots, and its results on earlier ones have to be those of the tables.
 
     Raises:
-        InputError: a table is not in the folder, cannot be read, or has other columns.
+        InputError: a table is not in the folder, cannot be read, or has other columns; or an engine
+            was asked again on some of its earlier robots only, with another result.
     """
-    every, engines = [], {one.engine for one in rows_in(records, ConformanceRow)}
-    for table in tables(records):
-        read = partial(table_of_markdown, table.name)
-        printed = read_as(folder / f"{table.name}.md", "a table in Markdown", read)
-        every.append(_extended(table, printed, engines))
-    return every, _charts_of({table.name: table for table in every})
+    tables_now, printed = {table.name: table for table in tables(records)}, {}
+    for name, table in tables_now.items():
+        path, read = folder / f"{name}.md", partial(table_of_markdown, name)
+        # Where nothing differs there is no table of differences.
+        empty = name == DIFFERENCES and not path.exists()
+        printed[name] = (
+            table._replace(rows=[]) if empty else read_as(path, "a table in Markdown", read)
+        )
+    engines = {one.engine for one in rows_in(records, ConformanceRow)}
+    repeated = {
+        (key, robot)
+        for key in engines
+        for robot in _repeated(key, printed[BY_ROBOT], tables_now[BY_ROBOT], folder)
+    }
+    more = [
+        record
+        for record in records
+        if (plain_name(record.settings["engine"]), robot_label(record.settings)) not in repeated
+    ]
+    counts = Counter((one.engine, one.quantity) for one in rows_in(more, ConformanceRow))
+    # An engine of which every robot is repeated has nothing to add.
+    engines = {key for key, _ in counts}
+    old = {
+        key for key in engines if any(x != "-" for x in _column(printed[BY_ROBOT], key).values())
+    }
+    added = {key for key in old if not _is_replaced(key, printed[BY_ROBOT], more)}
+    named = {table.name: _extended(table, printed[table.name], engines) for table in tables(more)}
+    for key in added:
+        _add_to_columns(named, printed, key, counts)
+    if added:
+        _add_to_rows(named, printed, added)
+    return [*named.values()], _charts_of(named)
+
+
+def _repeated(key: str, printed: ResultTable, table: ResultTable, folder: Path) -> set[str]:
+    """Return the earlier robots on which an engine was asked again, if not on all of them.
+
+    Raises:
+        InputError: a result is another one than that of the earlier table.
+    """
+    old, new = (
+        {name: cell for name, cell in _column(one, key).items() if cell != "-"}
+        for one in (printed, table)
+    )
+    again = old.keys() & new.keys()
+    if again == old.keys():
+        return set()
+    if different := sorted(name for name in again if old[name] != new[name]):
+        raise InputError(
+            f"{key} has another result on {listed(different, 3)} than in {folder}, expected it to "
+            f"be asked on all {len(old)} robots there again"
+        )
+    return again
+
+
+def _is_replaced(key: str, printed: ResultTable, records: Sequence[Record]) -> bool:
+    """Return whether an engine was asked again on its earlier robots."""
+    robots = {one.robot for one in rows_in(records, ConformanceRow) if one.engine == key}
+    return any(_column(printed, key).get(robot, "-") != "-" for robot in robots)
+
+
+def _column(table: ResultTable, key: str) -> dict[str, str]:
+    """Return the cells of an engine in a table with a column for each, by the name of the row."""
+    if key not in table.columns:
+        return {}
+    at = [*table.columns].index(key)
+    return {str(row[0]): str(row[at]) for row in table.rows}
+
+
+def _add_to_columns(
+    named: dict[str, ResultTable],
+    printed: Mapping[str, ResultTable],
+    key: str,
+    counts: Mapping[tuple[str, str], int],
+) -> None:
+    """Change the cells of an engine in tables to those of earlier robots and new ones together.
+
+    Args:
+        named: the tables, by name.
+        printed: the earlier ones.
+        key: the engine.
+        counts: engine and quantity -> number of new robots.
+    """
+    old_robots = _column(printed[BY_ROBOT], key)
+    offered = [cell.rpartition(" ")[2] for cell in old_robots.values() if cell != "-"]
+    old_cells = _column(printed[BY_QUANTITY], key)
+    # A cell "agrees" has no number of robots: it is that of all, if each answered everything.
+    everything = str(sum(cell != "-" for cell in old_cells.values()))
+    everywhere = len(offered) if {*offered} == {everything} else 0
+    for name, merged in (
+        (BY_ROBOT, lambda robot, cell: old_robots.get(robot, "-") if cell == "-" else cell),
+        (
+            BY_QUANTITY,
+            lambda quantity, cell: _merged_cell(
+                old_cells.get(quantity, "-"), cell, everywhere, counts.get((key, quantity), 0)
+            ),
+        ),
+    ):
+        at, rows = [*named[name].columns].index(key), []
+        for row in named[name].rows:
+            cells_of = [*row]
+            cells_of[at] = merged(str(row[0]), str(row[at]))
+            rows.append(cells_of)
+        named[name] = named[name]._replace(rows=rows)
+
+
+def _merged_cell(old: str, new: str, old_robots: int, new_robots: int) -> str:
+    """Return the cell of a quantity over earlier robots and new ones, see `_cell`.
+
+    Args:
+        old, new: the cells.
+        old_robots: number of earlier robots if the cell has none, 0 if unknown.
+        new_robots: number of new robots.
+
+    Raises:
+        InputError: the number of earlier robots is needed, and unknown.
+    """
+    if "-" in (old, new):
+        return new if old == "-" else old
+    parts = [cell.rpartition(" on ")[::2] for cell in (old, new)]
+    if any(word for word, _ in parts):
+        word = NO_ANSWER if any(x == NO_ANSWER for x, _ in parts) else "differs"
+        wrong, total = 0, 0
+        for (kind, share_of), robots in zip(parts, (old_robots, new_robots), strict=True):
+            some, _, of = share_of.partition(" of ") if kind else ("0", "", str(robots))
+            if of == "0":
+                raise InputError(
+                    f"{old!r} of the earlier tables has no number of robots, expected the library "
+                    "to be asked on all robots again"
+                )
+            wrong, total = wrong + int(some) * (kind == word), total + int(of)
+        return f"{word} on {wrong} of {total}"
+    digits = [cell for cell in (old, new) if cell[0].isdigit()]
+    if digits:
+        return min(digits, key=lambda cell: int(cell.partition(" ")[0]))
+    return "agrees" if "agrees" in (old, new) else new
+
+
+def _add_to_rows(
+    named: dict[str, ResultTable], printed: Mapping[str, ResultTable], added: Collection[str]
+) -> None:
+    """Change the rows of engines in tables to those of earlier robots and new ones together.
+
+    Args:
+        named: the tables, by name.
+        printed: the earlier ones.
+        added: the engines.
+    """
+    names = {
+        (str(key), str(quantity)): [str(robots)]
+        for key, quantity, robots in printed[DIFFERENCES].rows
+        if key in added
+    }
+    for key, quantity, robots in named[DIFFERENCES].rows:
+        names.setdefault((str(key), str(quantity)), []).append(str(robots))
+    rows = [
+        (Cell(key, "name"), Cell(quantity, "name"), "; ".join(robots))
+        for (key, quantity), robots in names.items()
+    ]
+    named[DIFFERENCES] = named[DIFFERENCES]._replace(rows=rows)
+    old = {str(row[0]): row for row in printed[LIBRARIES].rows}
+    rows = []
+    for row in named[LIBRARIES].rows:
+        key, version, quantities, robots, states, wrong = map(str, row)
+        if key in added:
+            quantities = str(sum(x != "-" for x in _column(named[BY_QUANTITY], key).values()))
+            robots, states = (str(int(str(old[key][k])) + int(str(row[k]))) for k in (3, 4))
+            wrong = str(sum(name == key for name, _ in names))
+        rows.append((Cell(key, "name"), version, quantities, robots, states, wrong))
+    order = [*old, *(key for key, *_ in rows if key not in old)]
+    rows.sort(key=lambda one: order.index(one[0]))
+    named[LIBRARIES] = named[LIBRARIES]._replace(rows=rows)
 
 
 def _extended(table: ResultTable, printed: ResultTable, engines: set[str]) -> ResultTable:
@@ -423,7 +602,7 @@ def _cell(rows: Sequence[ConformanceRow]) -> Cell:
     digits = f"{min(counted):.0f} digits" if counted else ""
     wrong = [one for one in rows if one.verdict == "failed"]
     if faulty := sum(one.fault for one in rows):
-        return Cell(f"no answer on {faulty} of {len(rows)}", "failed")
+        return Cell(f"{NO_ANSWER} on {faulty} of {len(rows)}", "failed")
     if wrong:
         return Cell(f"differs on {len(wrong)} of {len(rows)}", "failed")
     if all(one.verdict == "skipped" for one in rows):
