@@ -79,6 +79,9 @@ SLACK = 1e3
 
 SINGLE_PRECISION = "as large as the rounding of single precision"
 
+LEAST_FLOAT32 = 2.0**-32
+"""Smallest error attributed to single precision, relative to the largest entry."""
+
 FLOAT32 = 2.0**-19
 """Largest error attributed to single precision, relative to the largest entry.
 
@@ -185,7 +188,9 @@ def is_exact(x: Array) -> bool:
 def _single_precision(
     actual: Array, expected: Array, context: ConfusionContext, agree: Agreement
 ) -> Iterator[Candidate]:
-    if context.single_precision and not is_exact(expected) and actual.shape == expected.shape:
+    if not context.single_precision or is_exact(expected) or actual.shape != expected.shape:
+        return
+    if largest(actual - expected) >= LEAST_FLOAT32 * largest(expected):
         yield Candidate(SINGLE_PRECISION, expected, within=FLOAT32)
 
 

@@ -352,6 +352,9 @@ BY_QUANTITY, BY_ROBOT = BY_ENGINE = "conformance", "conformance-by-robot"
 LIBRARIES, DIFFERENCES = "conformance-libraries", "conformance-differences"
 """Names of the tables with rows for each engine."""
 
+OF_FILES = "forces", "acceleration"
+"""Quantities that the engines of trees do not have of scenes."""
+
 NO_ANSWER = "no answer"
 """Beginning of the cell of a quantity that a library does not answer on some robots."""
 
@@ -453,17 +456,17 @@ def _add_to_columns(
         counts: engine and quantity -> number of new robots.
     """
     old_robots = _column(printed[BY_ROBOT], key)
-    offered = [cell.rpartition(" ")[2] for cell in old_robots.values() if cell != "-"]
     old_cells = _column(printed[BY_QUANTITY], key)
-    # A cell "agrees" has no number of robots: it is that of all, if each answered everything.
-    everything = str(sum(cell != "-" for cell in old_cells.values()))
-    everywhere = len(offered) if {*offered} == {everything} else 0
+    everything = sum(cell != "-" for cell in old_cells.values())
     for name, merged in (
         (BY_ROBOT, lambda robot, cell: old_robots.get(robot, "-") if cell == "-" else cell),
         (
             BY_QUANTITY,
             lambda quantity, cell: _merged_cell(
-                old_cells.get(quantity, "-"), cell, everywhere, counts.get((key, quantity), 0)
+                old_cells.get(quantity, "-"),
+                cell,
+                _robots_with(quantity, everything, old_robots),
+                counts.get((key, quantity), 0),
             ),
         ),
     ):
@@ -473,6 +476,27 @@ def _add_to_columns(
             cells_of[at] = merged(str(row[0]), str(row[at]))
             rows.append(cells_of)
         named[name] = named[name]._replace(rows=rows)
+
+
+def _robots_with(quantity: str, everything: int, robots: Mapping[str, str]) -> int:
+    """Return the number of robots on which an engine was asked for a quantity; 0 if unknown.
+
+    A cell "agrees" has no number of robots: it is that of all, if each answered everything.
+
+    Args:
+        quantity: name of the quantity.
+        everything: number of quantities that the engine has.
+        robots: cells of the engine by robot.
+    """
+    count = 0
+    for robot, cell in robots.items():
+        if cell == "-":
+            continue
+        missing = everything - int(cell.rpartition(" ")[2])
+        if missing and not (robot in SCENES and missing == len(OF_FILES)):
+            return 0
+        count += not (missing and quantity in OF_FILES)
+    return count
 
 
 def _merged_cell(old: str, new: str, old_robots: int, new_robots: int) -> str:
