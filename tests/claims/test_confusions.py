@@ -248,6 +248,7 @@ def test_single_precision_is_recognized_where_asked_for():
     assert recognize(actual, expected, 1e-14, context) == text
     assert recognize(actual, expected, 1e-14) == ""
     assert recognize(expected * (1 + 1e-5), expected, 1e-14, context) == ""
+    assert recognize(expected * (1 + 1e-11), expected, 1e-14, context) != text
     assert recognize(expected.T, expected, 1e-14, context) == "transposed"
 
 
