@@ -324,7 +324,7 @@ def _charts_of(named: Mapping[str, ResultTable]) -> Iterator[Chart]:
         colors = Axis("share of robots on which it differs", range=(0.0, 1.0))
         heads = dict.fromkeys(engines, 1)
         heat = Heat(heads, boxes, colors, 1.0, "not judged", "differs", steep=True)
-        title = "Robots on which it differs; pale: agrees on all; no box: not computed"
+        title = "Robots on which it differs; no number: agrees on all; no box: not computed"
         yield Chart("conformance", title, ["figure"], {("all",): heat})
 
 
