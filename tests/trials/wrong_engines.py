@@ -84,7 +84,7 @@ class Fault(NamedTuple):
         method: the method that is wrong.
         body: lines that end with a `return`; `right` is the right answer.
         base: the engine that is right otherwise.
-        says: words with | between them that a line of the output must contain; "" for the usual
+        says: words with | between them that the text on a failure must contain; "" for the usual
             name of the term.
     """
 
@@ -224,11 +224,12 @@ class Outcome(NamedTuple):
 
     @property
     def named(self) -> bool:
-        """Whether a line about a failure names the term."""
+        """Whether the text on a failure names the term."""
         assert self.fault is not None
         words = (self.fault.says or self.fault.method.replace("_", " ").split()[-1]).split("|")
-        lines = (line for line in self.output.splitlines() if "failed" in line or "died" in line)
-        return any(all(word in line for word in words) for line in lines)
+        parts = self.output.split("\n\n")
+        failures = (part for part in parts if part.startswith("FAIL") or " died" in part)
+        return any(all(word in part for word in words) for part in failures)
 
 
 def run(
