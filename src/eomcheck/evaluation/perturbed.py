@@ -172,7 +172,7 @@ class PerturbedEvaluation(Evaluation):
         """Return `record`, perturbed in every sample by itself."""
         return self.finished(self.noise.repeated(record))
 
-    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Array:
+    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Any:
         """Return coordinates T q + shift, perturbed where they are sums, or products."""
         data = batch_data(q, self.count)
         exact = np.count_nonzero(T, axis=1) + (shift != 0.0) <= 1

@@ -184,7 +184,7 @@ class Quantities:
         """Return `record`, numbers that are the same in every state, as parameters are cached."""
         return self.finished(record)
 
-    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Array:
+    def rounded_sum(self, T: Array, q: Array, shift: Array) -> Any:
         """Return coordinates T q + shift (k,), which are rounded where they are sums."""
         return T @ q + shift
 
