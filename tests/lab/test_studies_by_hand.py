@@ -219,17 +219,18 @@ def test_cells_tables_and_charts_of_long_runs_name_remedies_and_axes():
     ]
     (chart,) = long_run.charts([])
     assert (chart.name, chart.title, chart.lists) == (
-        *("long-run", "Errors over time"),
+        *("long-run", "Errors of the paper's robot over 1 000 s"),
         ["error", "remedy"],
     )
     titles = [panel.title for panel in chart.panels.values()]
     assert titles == ["nothing added", "feedback, 10/s", "projection every 1 s"] * 2
     panels: Any = chart.panels.items()
     assert all(
-        (panel.x[:2], panel.y[:2]) == (("t / s", True), (label, True))
+        (panel.x[:2], panel.y[:2]) == (("t / s", True), (long_run.SO_FAR.format(label), True))
         for (label, _), panel in panels
     )
-    series = {"times": [1.0], "constraint": [0.0], "energy": [0.5]}
+    times = [1.0, 2.0, 3.0, 4.0]
+    series = {"times": times, "constraint": [0.0] * 4, "energy": [0.5, 0.25, 0.75, 0.0]}
     keys = list(FORMULATIONS)
     two = [
         Record("long-run", {"formulation": key, "remedy": "none"}, series=series)
@@ -241,6 +242,8 @@ def test_cells_tables_and_charts_of_long_runs_name_remedies_and_axes():
         (keys[1], (3, 30)),
         (keys[4], (12, 30)),
     ]
+    # The largest error so far.
+    assert [(line.x, line.y) for line in panel.lines] == [(times, [0.5, 0.5, 0.75, 0.75])] * 2
     assert long_run.find_run(two, keys[1], "none") is two[1]
     assert long_run.find_run(two, keys[1], "feedback") is None
 
