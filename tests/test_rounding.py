@@ -126,7 +126,7 @@ def test_a_function_that_raises_and_changes_arithmetic_fails_for_both():
         raise ValueError("x")
 
     (failed,) = [x for x in check_functions(1, qdd=qdd, states=1) if x.verdict == "failed"]
-    assert failed.detail.endswith(f"qdd, {ROUNDING} and raised ValueError: x")
+    assert failed.detail.endswith(f"qdd {ROUNDING} and raised ValueError: x")
 
 
 @pytest.mark.parametrize(("bits", "what"), [ALL[1], ALL[3]])

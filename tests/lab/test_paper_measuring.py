@@ -118,7 +118,7 @@ def test_the_command_measures_prints_and_draws(measured, tmp_path: Path, monkeyp
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("x.db", "--figures", "no/such/folder"), "'no/such/folder' is not a folder"),
+        (("x.db", "--figures", "no/such/folder"), "there is no folder 'no/such'"),
         (("pyproject.toml", "--quick"), "is not a file of records"),
     ],
 )

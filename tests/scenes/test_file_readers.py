@@ -131,7 +131,7 @@ def test_a_library_that_cannot_read_a_file_is_skipped_with_the_reason(tmp_path, 
 
 def test_a_joint_with_several_coordinates_is_skipped_with_the_reason(tmp_path: Path):
     path = arm(tmp_path / "arm.urdf")
-    text = path.read_text(encoding="utf-8").replace('type="continuous"', 'type="planar"')
+    text = path.read_text(encoding="utf-8").replace('type="continuous"', 'type="spherical"')
     path.write_text(text, encoding="utf-8")
     (found,) = by_reader(from_urdf(path))
     assert found.verdict == "skipped"

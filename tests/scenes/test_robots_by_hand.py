@@ -238,9 +238,9 @@ def test_sizes_of_a_file_are_checked_at_their_limits(monkeypatch):
         checked(f"<mujoco>{f'<{tag}/>' * 2}</mujoco>")
         said = f"'m.xml' has 3 elements <{tag}>, expected at most 2"
         assert refusal(checked, f"<mujoco>{f'<{tag}/>' * 3}</mujoco>") == said
-    assert {"composite", "flex", "flexcomp"} == mjcf_reader.NOT_UNDERSTOOD
-    for tag in mjcf_reader.NOT_UNDERSTOOD:
-        said = f"'m.xml' holds <{tag}>, which is not understood here"
+    assert {"composite", "flex", "flexcomp"} == mjcf_reader.NOT_UNDERSTOOD.keys()
+    for tag, reason in mjcf_reader.NOT_UNDERSTOOD.items():
+        said = f"'m.xml' holds <{tag}>, {reason}"
         assert refusal(checked, f"<mujoco><{tag}/></mujoco>") == said
 
 
