@@ -111,6 +111,13 @@ def test_a_failure_stays_where_none_is_found_or_no_case_can_be_drawn(judged):
     assert smallest_failure(failed, none, selection, 0) is failed  # type: ignore[arg-type]
 
 
+def test_no_case_is_checked_once_the_time_is_up(judged):
+    failed, selection = finding(), SimpleNamespace()
+    cases = st.integers(17, 1000).map(lambda k: (SLEIGH, at(k)))
+    found = smallest_failure(failed, cases, selection, 0, lambda: True)  # type: ignore[arg-type]
+    assert found is failed and not judged
+
+
 def test_a_smaller_failure_has_the_formulations_and_the_diagnosis_of_the_first(monkeypatch):
     """Numbers in a diagnosis and its row may differ."""
     details = {

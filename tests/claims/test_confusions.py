@@ -248,7 +248,10 @@ def test_single_precision_is_recognized_where_asked_for():
     assert recognize(actual, expected, 1e-14, context) == text
     assert recognize(actual, expected, 1e-14) == ""
     assert recognize(expected * (1 + 1e-5), expected, 1e-14, context) == ""
-    assert recognize(expected * (1 + 1e-11), expected, 1e-14, context) != text
+    for size in (1.0, 1e9, 1e-9):
+        x, y, allowed = size * actual, size * expected, size * 1e-14
+        assert recognize(x, y, allowed, context) == text
+        assert recognize(y * (1 + 1e-11), y, allowed, context) != text
     assert recognize(expected.T, expected, 1e-14, context) == "transposed"
 
 

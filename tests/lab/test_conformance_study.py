@@ -183,12 +183,13 @@ def test_states_are_counted_over_the_pairs_that_were_compared():
 
 
 def of_engine(engine: str, *rows: tuple[str, str, str, float | None]) -> Record:
-    """Return the Record of an engine: robot, quantity, verdict and digits of each row."""
+    """Return the Record of an engine: robot, quantity, verdict or "no answer", digits of rows."""
     settings = {"robot": rows[0][0], "free": False, "engine": engine, "states": 20, "seed": 0}
-    kept = (
-        conformance.ConformanceRow(engine, f"{engine} 1", robot, quantity, 20, verdict, digits, "")  # type: ignore[arg-type]
-        for robot, quantity, verdict, digits in rows
-    )
+    kept = []
+    for robot, quantity, verdict, digits in rows:
+        fault = verdict == "no answer"
+        about = engine, f"{engine} 1", robot, quantity, 20, "failed" if fault else verdict
+        kept.append(conformance.ConformanceRow(*about, digits, "", fault))  # type: ignore[arg-type]
     return record_of_rows("conformance", settings, kept)
 
 
@@ -295,6 +296,11 @@ def test_tables_are_the_same_if_they_are_extended_by_one_robot_after_another(tmp
         (("passed", 9.0), ("failed", None), "differs on 1 of 2"),
         (("failed", None), ("passed", 9.0), "differs on 1 of 2"),
         (("failed", None), ("failed", None), "differs on 2 of 2"),
+        (("no answer", None), ("no answer", None), "no answer on 2 of 2"),
+        (("no answer", None), ("failed", None), "no answer on 1 of 2"),
+        (("failed", None), ("no answer", None), "no answer on 1 of 2"),
+        (("passed", 9.0), ("no answer", None), "no answer on 1 of 2"),
+        (("no answer", None), ("passed", None), "no answer on 1 of 2"),
         (("skipped", 7.0), ("skipped", 4.0), "4 digits by differences"),
     ],
 )
@@ -302,6 +308,18 @@ def test_cells_of_earlier_robots_and_new_ones_are_those_of_one_run(old, new, cel
     first, second = of_engine("a", ("x", "bias", *old)), of_engine("a", ("y", "bias", *new))
     assert written_cells(tmp_path, [first], [second])["bias"] == [cell]
     assert written_cells(tmp_path, [first, second])["bias"] == [cell]
+
+
+def test_a_quantity_that_engines_have_of_files_alone_agreed_on_no_scenes(tmp_path: Path):
+    every = "bias", "forces", "acceleration"
+    first = [
+        of_engine("a", *(("x", name, "passed", None) for name in every)),
+        of_engine("a", ("sleigh", "bias", "passed", None)),
+    ]
+    second = [of_engine("a", *(("y", name, "failed", None) for name in every))]
+    cells = written_cells(tmp_path, first, second)
+    assert [cells[name] for name in every] == [["differs on 1 of 3"], *[["differs on 1 of 2"]] * 2]
+    assert written_cells(tmp_path, [*first, *second]) == cells
 
 
 def test_a_quantity_that_agreed_on_an_unknown_number_of_robots_is_not_extended_by_a_difference(

@@ -430,6 +430,10 @@ def test_failures_are_made_small_by_the_seed_and_those_of_engines_are_not(monkey
     monkeypatch.setattr(failures, "smallest_failure", lambda *given: asked.append(given) or other)
     assert shrink(pair, ("au", "em", "im"), 5) is other
     assert [(given[0], given[3]) for given in asked] == [(pair, 5)]
+    over = asked[0][4]
+    with deadline(time.time() - 1.0):
+        assert over()
+    assert not over()
     engine = failure(ENGINE, "casadi")
     assert shrink(engine, ("au",)) is engine and len(asked) == 1
 
@@ -472,6 +476,16 @@ def test_fuzz_ends_between_two_states_of_a_round_when_its_time_is_up(monkeypatch
         assert len(asked) == campaign.states == 4
         again = Campaign(plan, "a file", [StructuralVariant(None, ())], records)
     assert again.resumed == 0, "a round that was cut is done again"
+
+
+def test_one_state_of_functions_is_checked_though_the_time_is_up(monkeypatch):
+    asked: list = []
+    monkeypatch.setattr(fuzzed, "check_functions_at", lambda *case: asked.append(case) or [])
+    functions = EquationsOfMotion(1, M=lambda q: [[1.0]])
+    monkeypatch.setattr(fuzzed, "functions_named", lambda name: functions)
+    plan = FunctionsPlan("a file", 0, ("a",), batch=5)
+    cut = plan.run(Round(0, StructuralVariant(None, ()), {}, until=time.time() - 1.0))
+    assert (cut.states, cut.cut, len(asked)) == (1, True, 1)
 
 
 def test_a_round_whose_time_is_up_judges_no_further_state(monkeypatch):

@@ -28,6 +28,7 @@ from eomcheck.evaluation.conformance import ConformancePoint, quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.recorded_answers import check_answers, table_layout, write_states
 from eomcheck.lab.recorded_base import CONVENTIONS, base_state, parse_convention, recorded_base
+from eomcheck.lab.recorded_finding import compared_entries
 from eomcheck.lab.recorded_log import compared_row
 from eomcheck.lab.recorded_table import (
     EXACT,
@@ -406,6 +407,27 @@ def test_the_code_of_any_failing_answers_shows_a_difference(kind: str, tmp_path:
         _, *entries = printed_by(one.as_python(), capsys)
         assert entries and all("recorded" in x and "off by" in x for x in entries)
         assert all(f"{name}={text!r}" in one.as_python() for name, text in options.items())
+
+
+def test_entries_that_differ_or_are_no_numbers_are_shown_and_all_where_none_does():
+    names, zeros = "abc", np.zeros(3)
+    for recorded_, shown in (
+        ([0.0, np.nan, 2.0], "bc"),
+        ([np.inf, 0.5, -1.0], "a"),
+        ([0.0, 0.5, -1.0], "abc"),
+    ):
+        found = compared_entries(names, np.array(recorded_), zeros, np.ones(3))
+        assert "".join(one.column for one in found) == shown
+
+
+def test_the_code_of_a_failure_runs_in_any_folder(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    path = recorded(Path("a.csv"), lambda name, row, x: -x if name == "bias" else x)
+    (failed,) = [x for x in check_answers(path, CHAIN)[0] if x.verdict == "failed"]
+    code = failed.as_python()
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    assert len(printed_by(code, capsys)) > 1
 
 
 def test_a_row_or_a_quantity_that_is_not_there_is_one_sentence(tmp_path: Path):

@@ -332,6 +332,20 @@ def test_springs_between_points_and_constant_torques_are_compared(name: str):
     assert effects["M"] == effects["gravity"] == 0.0 < effects["acceleration"]
 
 
+def test_forces_are_compared_beside_other_bodies_and_in_any_order_of_joints(tmp_path: Path):
+    scene = SCENES["andrews"].example()
+    numbers = {x: getattr(scene, x) for x in settable(scene)}
+    other = type(scene)(**numbers | {x: 1.5 * getattr(scene, x) for x in ("mass", "torque")})
+    found = compare_robots(scene, other, examples=1).differences
+    assert {"mass", "forces"} <= {one.what for one in found}
+    held = ' stiffness="5" damping="2"'
+    first, second = (
+        chain_text(order=order).replace('"l" axis="0 1 0"', '"l" axis="0 1 0"' + held)
+        for order in ("lr", "rl")
+    )
+    assert compared_mjcf(tmp_path, first, second).is_same
+
+
 def test_tendons_are_named_as_not_compared_and_the_robots_not_as_the_same(tmp_path: Path, capsys):
     tendon = '<tendon><fixed stiffness="3"><joint joint="j" coef="1"/></fixed></tendon></mujoco>'
     plain = chain_text()

@@ -7,10 +7,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from tests.testing.own import guide
 
-from eomcheck.testing import check_functions
+from eomcheck.testing import EquationsOfMotion, check_functions
 from eomcheck.testing.called_functions import called_functions
+from eomcheck.testing.fault_localization import (
+    Conflict,
+    unsettled_by_calls,
+    with_called_suspects,
+)
 
 CART = guide("cart")
 NAMES = "M", "bias", "gravity", "qdd", "T", "U", "R"
@@ -104,6 +110,48 @@ def test_functions_within_functions_and_helpers_are_followed():
     }
 
 
+def test_calls_below_each_other_are_followed():
+    def momentum(q, v):
+        return CART.M(q) @ v
+
+    def force(q, v):
+        return 2 * momentum(q, v)
+
+    assert calling(M=CART.M, bias=lambda q, v: -force(q, v)) == {"bias": {"M"}}
+
+
+def test_a_function_with_another_in_it_calls_those_that_the_inner_one_names():
+    """It is no mere wrapper of the one that the inner function calls."""
+
+    def bias(q, v):
+        def force(x):
+            return CART.M(q) @ x
+
+        return force(v)
+
+    def qdd(q, v):
+        return -np.linalg.solve(CART.M(q), v)
+
+    found = calling(M=CART.M, bias=bias, qdd=qdd, T=lambda q, v: [CART.M(q) @ x for x in v])
+    assert found == {"bias": {"M"}, "qdd": {"M"}, "T": {"M"}}
+
+
+def test_functions_of_a_class_and_behind_arguments_are_found_by_their_own_names():
+    class Model:
+        @staticmethod
+        def gravity(q):
+            return np.sin(q)
+
+    def scaled(scale, q):
+        return scale * np.eye(len(q))
+
+    def qdd(q, v):
+        return -(scaled(2.0, q) @ Model.gravity(q))
+
+    found = calling(M=partial(scaled, 2.0), gravity=Model.gravity, qdd=qdd)
+    assert found == {"qdd": {"M", "gravity"}}
+
+
 def test_functions_that_are_not_python_and_constants_call_nothing():
     def later():
         return unassigned  # noqa: F821
@@ -121,6 +169,27 @@ def test_functions_of_frames_are_those_of_one_input():
         return np.eye(2)
 
     assert calling(M=M, J={"a": lambda q: q + M(q), "b": np.eye}) == {"J": {"M"}}
+
+
+def test_a_claim_settles_neither_of_two_functions_that_call_each_other():
+    functions: dict[str, Any] = dict.fromkeys(("M", "bias", "gravity", "qdd"), len)
+    calls = dict.fromkeys(functions, frozenset[str]()) | {"qdd": frozenset({"bias", "gravity"})}
+    pairs = unsettled_by_calls(EquationsOfMotion(2, **functions), calls)
+    assert {name for claim, name in pairs if claim == "motion"} == {"qdd", "bias", "gravity"}
+    assert "bias-of-mass-matrix" not in {claim for claim, _ in pairs}  # it does not read q̈
+
+
+@pytest.mark.parametrize("caller", ["qdd", "inverse_dynamics"])
+def test_a_function_that_a_wrong_one_calls_is_suspect_where_another_failure_suspects_it(caller):
+    finding: Any = None
+    first, second = (
+        Conflict(finding, frozenset({caller}), frozenset({caller, "gravity"})),
+        Conflict(finding, frozenset({"bias", "gravity", "T"}), frozenset({"bias", "gravity", "T"})),
+    )
+    calls = {caller: frozenset({"M", "bias", "gravity"}), "T": frozenset({"M"})}
+    wider = [first._replace(suspects=frozenset({caller, "bias"})), second]
+    assert with_called_suspects([first, second], calls, []) == wider
+    assert with_called_suspects([first, second], calls, [caller]) == [first, second]
 
 
 def test_a_function_that_calls_another_does_not_clear_it():

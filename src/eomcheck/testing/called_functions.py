@@ -66,8 +66,10 @@ def _core(function: Any) -> Any:
 def _single_call(function: Any) -> Any:
     """Return the Python function that a mere wrapper calls, such as a lambda that adds arguments.
 
-    None if the function does more than that.
+    None if the function does more than that, or has functions of its own within it.
     """
+    if any(isinstance(x, CodeType) for x in function.__code__.co_consts):
+        return None
     instructions = [x.opname for x in dis.get_instructions(function.__code__)]
     calls = sum(x.startswith("CALL") for x in instructions)
     if calls != 1 or any(x.startswith(ARITHMETIC) for x in instructions):
