@@ -280,6 +280,12 @@ def test_a_sympy_model_takes_the_numbers_of_its_file_or_drawn_ones(file):
     equations, notes = read_equations(file(KANE + "numbers = {m: 2.0, l: 0.5, g: 9.81}\n"))
     assert notes == ()
     np.testing.assert_allclose(equations.M(np.zeros(1)), [[0.5]])
+    assert (equations.holonomic, equations.ranges) == (None, None)
+    more = "numbers = {m: 2.0, l: 0.5, g: 9.81}\nholonomic = True\n"
+    more += "ranges = ((-3.0, 3.0), (-2.0, 2.0))\n"
+    with_options = read_equations(file(KANE + more)).equations
+    assert with_options.holonomic is True
+    assert with_options.ranges == ((-3.0, 3.0), (-2.0, 2.0))
     drawn, (note,) = read_equations(file(KANE), seed=3)
     assert note.startswith("drawn with seed 3, as the file has no dict `numbers`: g = ")
     other = read_equations(file(KANE), seed=4).equations

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -44,6 +45,9 @@ NUMBERS = "numbers"
 
 FILE_OPTIONS = ("ranges", "bias_has_gravity", "speeds", "holonomic", "coriolis_skew")
 """Arguments of `EquationsOfMotion` that are no functions and are read from a file."""
+
+OPTIONS_OF_MODELS = "ranges", "holonomic"
+"""Those of them that are read beside a SymPy model."""
 
 MOST_TRIED = 100
 """Largest number of coordinates that is tried."""
@@ -188,6 +192,8 @@ def _read_model(
         notes = (f"drawn with seed {seed}, as the file has no dict `{NUMBERS}`: {values}",)
     equations = equations_held_by(held, parameters)
     assert equations is not None
+    options = {key: vars(module)[key] for key in OPTIONS_OF_MODELS if key in vars(module)}
+    equations = replace(equations, **options)
     return FileEquations(equations, notes if parameters else ())
 
 
