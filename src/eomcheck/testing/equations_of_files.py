@@ -47,7 +47,7 @@ FILE_OPTIONS = ("ranges", "bias_has_gravity", "speeds", "holonomic", "coriolis_s
 """Arguments of `EquationsOfMotion` that are no functions and are read from a file."""
 
 OPTIONS_OF_MODELS = "ranges", "holonomic"
-"""Those of them that are read beside a SymPy model."""
+"""Arguments among them that are read beside a SymPy model."""
 
 MOST_TRIED = 100
 """Largest number of coordinates that is tried."""
