@@ -211,3 +211,31 @@ def test_a_function_that_calls_another_does_not_clear_it():
     independent = check_functions(3, **changed)
     first, *_ = (x for x in independent if x.verdict == "failed")
     assert first.cause == "gravity"
+
+
+def test_an_acceleration_that_calls_a_wrong_mass_matrix_does_not_convict_inverse_dynamics():
+    def M(q):
+        return CART.M(q) + np.diag([0.0, 0.3, 0.0])
+
+    def qdd(q, v):
+        forces = -CART.bias(q, v) - CART.gravity(q) - np.array([CART.d * v[0], 0.0, 0.0])
+        return np.linalg.solve(M(q), forces)
+
+    def inverse_dynamics(q, v, vdot):
+        damping = np.array([CART.d * v[0], 0.0, 0.0])
+        return CART.M(q) @ vdot + CART.bias(q, v) + CART.gravity(q) + damping
+
+    known = {name: getattr(CART, name) for name in ("bias", "gravity", "R")}
+    given: dict[str, Any] = known | {"M": M, "qdd": qdd, "inverse_dynamics": inverse_dynamics}
+    first, *_ = (x for x in check_functions(3, **given) if x.verdict == "failed")
+    assert {"M", "inverse_dynamics"} <= {*first.cause.split(" or ")}
+
+
+def test_a_cause_is_not_said_to_repeat_the_mistakes_of_another():
+    def qdd(q, v):
+        return np.linalg.solve(CART.M(q), CART.gravity(q) - CART.bias(q, v))
+
+    known: dict[str, Any] = {name: getattr(CART, name) for name in ("M", "bias", "gravity")}
+    first, *_ = (x for x in check_functions(3, **known, qdd=qdd) if x.verdict == "failed")
+    assert first.cause == "gravity or qdd"
+    assert "repeats any mistake" not in first.detail
