@@ -9,9 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 from tests.trials.progress import Progress
-from typer.testing import CliRunner
-
-from eomcheck.cli.application import app
 
 
 def interrupted_after(count: int) -> Iterator[int]:
@@ -92,15 +89,11 @@ def test_the_table_of_other_ways_has_the_twenty_mistakes():
 
 
 def test_a_fault_of_an_engine_is_named_in_what_validate_prints_of_it(tmp_path):
-    from tests.trials.wrong_engines import TREE, Fault, Outcome, source_of
+    from tests.trials.wrong_engines import TREE, TRIAL, Fault, run
 
-    signatures = {"mass_matrix": ("mass_matrix(self, q)", "mass_matrix(q)")}
     fault = Fault("half of M", "mass_matrix", "return right / 2.0", says="half")
-    path = tmp_path / "half.py"
-    path.write_text(source_of(fault, TREE, signatures), encoding="utf-8")
-    command = ["validate", "--engine", f"{path}:Wrong", "--scene", "sleigh"]
-    ran = CliRunner().invoke(app, [*command, "--claim", "mass-matrix", "--examples", "2"])
-    outcome = Outcome(fault, ran.exit_code, ran.output)
-    assert outcome.found and outcome.named
+    few = "--scene", "sleigh", "--claim", "mass-matrix", "--examples", "2"
+    outcome = run(fault, tmp_path, 0, TREE, TRIAL._replace(options={TREE: few}))
+    assert outcome.found and outcome.named, outcome.output
     assert not outcome._replace(fault=fault._replace(says="twice")).named
-    assert not outcome._replace(output=ran.output.replace("FAIL ", "passed: ")).named
+    assert not outcome._replace(output=outcome.output.replace("FAIL ", "passed: ")).named
