@@ -394,11 +394,13 @@ def extends(
     counts = Counter((one.engine, one.quantity) for one in rows_in(more, ConformanceRow))
     # An engine of which every robot is repeated has nothing to add.
     engines = {key for key, _ in counts}
-    old = {
-        key for key in engines if any(x != "-" for x in _column(printed[BY_ROBOT], key).values())
-    }
-    added = {key for key in old if not _is_replaced(key, printed[BY_ROBOT], more)}
-    named = {table.name: _extended(table, printed[table.name], engines) for table in tables(more)}
+    tables_more = {table.name: table for table in tables(more)}
+    added = set()
+    for key in engines:
+        old, new = (_column(one[BY_ROBOT], key).keys() for one in (printed, tables_more))
+        if old and not old & new:
+            added.add(key)
+    named = {name: _extended(table, printed[name], engines) for name, table in tables_more.items()}
     for key in added:
         _add_to_columns(named, printed, key, counts)
     if added:
@@ -412,10 +414,7 @@ def _repeated(key: str, printed: ResultTable, table: ResultTable, folder: Path) 
     Raises:
         InputError: a result is another one than that of the earlier table.
     """
-    old, new = (
-        {name: cell for name, cell in _column(one, key).items() if cell != "-"}
-        for one in (printed, table)
-    )
+    old, new = _column(printed, key), _column(table, key)
     again = old.keys() & new.keys()
     if again == old.keys():
         return set()
@@ -427,18 +426,15 @@ def _repeated(key: str, printed: ResultTable, table: ResultTable, folder: Path) 
     return again
 
 
-def _is_replaced(key: str, printed: ResultTable, records: Sequence[Record]) -> bool:
-    """Return whether an engine was asked again on its earlier robots."""
-    robots = {one.robot for one in rows_in(records, ConformanceRow) if one.engine == key}
-    return any(_column(printed, key).get(robot, "-") != "-" for robot in robots)
-
-
 def _column(table: ResultTable, key: str) -> dict[str, str]:
-    """Return the cells of an engine in a table with a column for each, by the name of the row."""
+    """Return the cells of an engine in a table with a column for each, by the name of the row.
+
+    Dashes are left out.
+    """
     if key not in table.columns:
         return {}
     at = [*table.columns].index(key)
-    return {str(row[0]): str(row[at]) for row in table.rows}
+    return {str(row[0]): str(row[at]) for row in table.rows if str(row[at]) != "-"}
 
 
 def _add_to_columns(
@@ -457,7 +453,6 @@ def _add_to_columns(
     """
     old_robots = _column(printed[BY_ROBOT], key)
     old_cells = _column(printed[BY_QUANTITY], key)
-    everything = sum(cell != "-" for cell in old_cells.values())
     for name, merged in (
         (BY_ROBOT, lambda robot, cell: old_robots.get(robot, "-") if cell == "-" else cell),
         (
@@ -465,7 +460,7 @@ def _add_to_columns(
             lambda quantity, cell: _merged_cell(
                 old_cells.get(quantity, "-"),
                 cell,
-                _robots_with(quantity, everything, old_robots),
+                _robots_with(quantity, len(old_cells), old_robots),
                 counts.get((key, quantity), 0),
             ),
         ),
@@ -490,8 +485,6 @@ def _robots_with(quantity: str, everything: int, robots: Mapping[str, str]) -> i
     """
     count = 0
     for robot, cell in robots.items():
-        if cell == "-":
-            continue
         missing = everything - int(cell.rpartition(" ")[2])
         if missing and not (robot in SCENES and missing == len(OF_FILES)):
             return 0
@@ -558,7 +551,7 @@ def _add_to_rows(
     for row in named[LIBRARIES].rows:
         key, version, quantities, robots, states, wrong = map(str, row)
         if key in added:
-            quantities = str(sum(x != "-" for x in _column(named[BY_QUANTITY], key).values()))
+            quantities = str(len(_column(named[BY_QUANTITY], key)))
             robots, states = (str(int(str(old[key][k])) + int(str(row[k]))) for k in (3, 4))
             wrong = str(sum(name == key for name, _ in names))
         rows.append((Cell(key, "name"), version, quantities, robots, states, wrong))
