@@ -1,9 +1,12 @@
-"""Scripts of docs/conformance, each in an environment with NumPy and its library alone.
+"""Scripts of docs/conformance, each in an environment with NumPy and its library, without eomcheck.
 
     python -m tests.conformance_scripts [SCRIPT ...] [--versions 1.7.0,1.8.0 | --since]
 
-The name of a script begins with the extra of its library. Its output is printed; the exit code
-is 1 if one fails or writes nothing. With versions each script runs in all of these, oldest first.
+The environment is that of `--isolated`: Genesis needs PyTorch beside it. The name of a script
+begins with the extra of its library, or with the key of the engine of one that comes with eomcheck.
+Its output is printed. A library that cannot be installed is named with the reason; the exit code is
+1 if a script fails or writes nothing, or if none runs. With versions each script runs in all of
+these, oldest first.
 
 `--since` dates the deviation that a script shows: a bisection over the versions of its index
 finds the least one in which the script prints the same as in the newest, numbers to `DIGITS`
@@ -25,7 +28,7 @@ from pathlib import Path
 
 from eomcheck.engines import LIBRARIES
 from eomcheck.engines.environments import python_with
-from eomcheck.engines.tree_engine import TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, library_key
 from eomcheck.errors import EngineError
 
 FOLDER = Path(__file__).parents[1] / "docs" / "conformance"
@@ -48,30 +51,32 @@ DIGITS = 3
 """Significant digits in which numbers of two outputs are compared."""
 
 
-def scripts_of(extra: str) -> list[Path]:
-    """Return the scripts about the library of an extra."""
-    return [path for path in sorted(FOLDER.glob("*.py")) if library_of(path) == extra]
+def scripts_of(library: str) -> list[Path]:
+    """Return the scripts about a library, see `library_of`."""
+    return [path for path in sorted(FOLDER.glob("*.py")) if library_of(path) == library]
+
+
+def adapters() -> dict[str, type[TreeEngine]]:
+    """Return library -> an engine of it: its extra, or its key if it comes with eomcheck."""
+    engines = [kind for kind in LIBRARIES.values() if issubclass(kind, TreeEngine)]
+    return {kind.extra or library_key(kind): kind for kind in reversed(engines)}
 
 
 def library_of(script: Path) -> str:
-    """Return the extra of the library that a script is about, the longest that begins its name.
+    """Return the library that a script is about, the longest name that begins that of the script.
 
     Raises:
-        ValueError: no extra does.
+        ValueError: none does.
     """
-    extras = {kind.extra for kind in LIBRARIES.values() if kind.extra}
-    own = [x for x in extras if script.stem.startswith(f"{x.replace('-', '_')}_")]
+    own = [x for x in adapters() if script.stem.startswith(f"{x.replace('-', '_')}_")]
     if not own:
-        raise ValueError(f"{script.name} begins with no extra of a library")
+        raise ValueError(f"{script.name} begins with no library")
     return max(own, key=len)
 
 
 def adapter_of(script: Path) -> type[TreeEngine]:
     """Return an engine of the library that a script is about."""
-    extra = library_of(script)
-    kind = next(kind for kind in LIBRARIES.values() if kind.extra == extra)
-    assert issubclass(kind, TreeEngine)
-    return kind
+    return adapters()[library_of(script)]
 
 
 def run(
@@ -83,12 +88,12 @@ def run(
         script: the script.
         version: version of the library; "" for the newest that the adapter supports.
         alone: whether the output has what the script prints alone, without messages of the library.
-        beside: requirement of the environment beside the library.
+        beside: another requirement of the environment, numpy of some versions.
 
     Raises:
         EngineError: the library cannot be installed.
     """
-    python = python_with(f"{adapter_of(script).requirements(version)[0]} {beside}".strip())
+    python = python_with(" ".join([*adapter_of(script).requirements(version), *beside.split()]))
     hidden = {"PYTHONPATH", "VIRTUAL_ENV"}
     environment = {key: value for key, value in os.environ.items() if key not in hidden}
     with tempfile.TemporaryDirectory() as folder:
@@ -200,16 +205,16 @@ def main() -> int:
     parser.add_argument("--since", action="store_true")
     options = parser.parse_args()
     scripts = [FOLDER / name for name in options.scripts] or sorted(FOLDER.glob("*.py"))
-    good = True
+    ends = []
     for script in scripts:
         for version in options.versions.split(","):
             try:
                 right, output = since(script) if options.since else run(script, version)
+                ends.append(right)
             except EngineError as error:
-                right, output = bool(version), f"left out: {error}"
-            good = good and right
+                output = f"left out: {error}"
             print(f"--- {script.name} {version}\n{output.strip()}", flush=True)
-    return 0 if good else 1
+    return 0 if ends and all(ends) else 1
 
 
 if __name__ == "__main__":

@@ -170,12 +170,18 @@ def test_a_library_is_left_out_only_if_it_cannot_be_installed(
 
 
 def test_every_script_of_a_deviation_belongs_to_a_library():
-    extras = {conformance_scripts.library_of(x) for x in conformance_scripts.FOLDER.glob("*.py")}
-    assert extras <= {*libraries.by_extra()}
-    assert conformance_scripts.library_of(Path("mujoco_warp_x.py")) == "mujoco-warp"
-    with pytest.raises(ValueError, match="begins with no extra"):
+    about = {conformance_scripts.library_of(x) for x in conformance_scripts.FOLDER.glob("*.py")}
+    assert about <= {*libraries.by_extra(), "pinocchio"}
+    for name, requirement in (
+        ("mujoco_warp_x.py", "mujoco-warp>="),
+        ("mujoco_x.py", "mujoco>="),
+        ("pinocchio_x.py", "pin>="),
+    ):
+        kind = conformance_scripts.adapter_of(Path(name))
+        assert kind.requirements()[0].startswith(requirement)
+    with pytest.raises(ValueError, match="begins with no library"):
         conformance_scripts.library_of(Path("nobody.py"))
-    every = [x for extra in extras for x in conformance_scripts.scripts_of(extra)]
+    every = [x for library in about for x in conformance_scripts.scripts_of(library)]
     assert sorted(every) == sorted(conformance_scripts.FOLDER.glob("*.py"))
 
 
@@ -201,7 +207,7 @@ def test_a_script_runs_without_eomcheck_and_must_end_well_and_write(
     monkeypatch.setattr(conformance_scripts, "python_with", lambda x: asked.append(x) or bare)
     monkeypatch.setattr(conformance_scripts, "PATIENCE", 1.0 if "while" in text else 60.0)
     result = conformance_scripts.run(script, "1.7")
-    assert result[0] is right and output in result[1] and asked == ["newton==1.7"]
+    assert result[0] is right and output in result[1] and asked == ["newton==1.7 mujoco"]
 
 
 PRINTING = """import os, sys
@@ -227,7 +233,7 @@ def test_a_deviation_is_dated_by_the_least_version_with_the_output_of_the_newest
         ran.append(requirement)
         if version < 8:
             raise conformance_scripts.EngineError("no wheel")
-        if version == 15 and "numpy<2" not in requirement:
+        if version == 15 and not requirement.endswith(" numpy<2"):
             script.write_text("raise ImportError('compiled for an older NumPy')")
         else:
             script.write_text(PRINTING.format(version=version - first + 14))
@@ -238,7 +244,7 @@ def test_a_deviation_is_dated_by_the_least_version_with_the_output_of_the_newest
     monkeypatch.setattr(conformance_scripts, "versions_of", lambda name: every)
     right, output = conformance_scripts.since(script)
     assert right and output.startswith(sentence) and output.endswith("mass 14 kg")
-    assert ("newton==1.15 numpy<2" in ran) == (first == 16)
+    assert ("newton==1.15 mujoco numpy<2" in ran) == (first == 16)
 
 
 def test_a_deviation_that_all_versions_show_or_that_the_newest_does_not_print_is_reported(
