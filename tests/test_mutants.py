@@ -197,6 +197,9 @@ def test_the_named_test_of_a_catcher_runs_first_and_then_the_whole_catcher():
         ([(0, ""), (0, "")], "survived"),
         ([(5, "nothing run"), (0, "")], "survived"),
         ([(0, ""), (5, "nothing run")], "error"),
+        ([(0, "2 skipped in 1 s"), (0, "3 skipped, 9 deselected in 1 s")], "skipped"),
+        ([(5, "1 skipped in 1 s"), (5, "1 skipped in 1 s")], "skipped"),
+        ([(0, "1 skipped in 1 s"), (0, "1 passed, 3 skipped in 1 s")], "survived"),
         ([(-1, "too long")], "error"),
     ],
 )
@@ -239,6 +242,21 @@ def test_a_place_that_is_not_there_once_is_told():
 def test_a_catcher_that_fails_without_the_fault_catches_nothing():
     assert unplanted("python -c pass").outcome == "named"
     assert unplanted("python -c 'raise SystemExit(1)'").outcome == "error"
+
+
+def test_a_fault_without_the_library_of_its_tests_is_named_as_skipped_and_not_kept(
+    tmp_path: Path, monkeypatch
+):
+    ends = [(0, "2 skipped in 1 s"), (5, "1 skipped in 1 s"), *[(5, "1 skipped in 1 s")] * 3]
+    monkeypatch.setattr(f"{attempt.__module__}.run", lambda *arguments: ends.pop())
+    assert [unplanted(CATCHER).outcome for _ in "ab"] == ["skipped"] * 2
+    results = campaign([STALLED], Kept(tmp_path / "results"), 1, tell=lambda line: None)
+    assert {x.outcome for x in results} == {"skipped"} and not (tmp_path / "results").exists()
+    skipped = Result("e", "harness", "skipped", 1.0)
+    text = table([*RESULTS, skipped], {})
+    assert "| harness | 2 | 1 | 0 | 1 | 0 |" in text
+    assert "\n\nNot planted, as the library is not installed: e.\n" in text
+    assert open_questions([skipped], {}) == []
 
 
 def test_the_source_stays_as_it_is():

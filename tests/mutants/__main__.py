@@ -4,10 +4,11 @@
         [--table FILE]
 
 A fault is *named* if its catcher fails and prints what it should, *caught* if it only fails, and
-has *survived* if nothing happens. The test that is to fail runs first, and all of its catcher where
-it does not. Every catcher runs once on the source as it is, where it must pass. Results are kept as
-they come: the same command goes on where it was stopped, and runs again only what has changed. The
-exit code is 0 if every fault is named or explained.
+has *survived* if nothing happens. It is *skipped*, which is named and not kept, where all tests of
+its catcher are: those of an adapter need its library. The test that is to fail runs first, and all
+of its catcher where it does not. Every catcher runs once on the source as it is, where it must
+pass. Results are kept as they come: the same command goes on where it was stopped, and runs again
+only what has changed. The exit code is 0 if every fault is named, explained or skipped.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ AS_IT_IS = "the source as it is"
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a fault: "named", "caught", "survived", or "error" where nothing was tried."""
+    """What became of a fault: "named", "caught", "survived", "skipped", or "error" if not tried."""
 
     id: str
     kind: str
@@ -110,6 +111,13 @@ def _ended(process: subprocess.Popen, longest: float) -> tuple[int, str]:
     return process.returncode, said
 
 
+def all_skipped(said: str) -> bool:
+    """Return whether pytest skipped all tests that it chose, by the last line of its output."""
+    last = (said.strip().splitlines() or [""])[-1]
+    counts = re.findall(r"\d+ (passed|failed|error|skipped|xfailed|xpassed)", last)
+    return counts == ["skipped"]
+
+
 def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
     """Plant one fault into a copy of the source and run its catcher."""
     start = time.perf_counter()
@@ -129,6 +137,8 @@ def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
             if code not in (0, *NOTHING_RUN):
                 break
     seconds = time.perf_counter() - start
+    if code in (0, *NOTHING_RUN) and all_skipped(said):
+        return Result(mutant.id, mutant.kind, "skipped", seconds, said[-2000:])
     if code == -1 or (code in NOTHING_RUN and not mutant.catcher.startswith("python")):
         return Result(mutant.id, mutant.kind, "error", seconds, said[-2000:])
     outcome = "survived" if code == 0 else "named" if mutant.named in said else "caught"
@@ -136,10 +146,11 @@ def attempt(mutant: Mutant, longest: float = LONGEST) -> Result:
 
 
 def unplanted(catcher: str, longest: float = LONGEST) -> Result:
-    """Run a catcher on the source as it is: "named" if it passes, as it must."""
+    """Run a catcher on the source as it is: "named" if it passes, as it must, or "skipped"."""
     start = time.perf_counter()
     code, said = run(command_of(catcher), PACKAGE, longest)
-    outcome = "named" if code == 0 else "error"
+    passing = "skipped" if all_skipped(said) else "named"
+    outcome = passing if code == 0 or passing == "skipped" else "error"
     return Result(catcher, AS_IT_IS, outcome, time.perf_counter() - start, said[-2000:])
 
 
@@ -249,7 +260,7 @@ def campaign(
         try:
             for count, done in enumerate(as_completed(running), 1):
                 key, found = running[done], list(done.result())
-                if all(result.outcome != "error" for result in found):
+                if all(result.outcome not in ("error", "skipped") for result in found):
                     kept.add(key, found)
                 results += found
                 tell(f"[{count}/{len(left)}] {_counted(found)}: {names[key]}")
@@ -274,8 +285,9 @@ def table(results: list[Result], explained: dict[str, str]) -> str:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     mutated = [result for result in results if result.kind in KINDS]
+    planted = [result for result in mutated if result.outcome != "skipped"]
     for kind in (*KINDS, "all"):
-        of = [result for result in mutated if kind in (result.kind, "all")]
+        of = [result for result in planted if kind in (result.kind, "all")]
         found = Counter(result.outcome for result in of)
         why = sum(result.outcome == "survived" and result.id in explained for result in of)
         counts = len(of), found["named"], found["caught"], found["survived"], why
@@ -284,15 +296,20 @@ def table(results: list[Result], explained: dict[str, str]) -> str:
     if survived:
         lines.append("")
     lines += [f"- `{one}`: {explained.get(one, 'not explained')}" for one in sorted(survived)]
+    if skipped := sorted(x.id for x in mutated if x.outcome == "skipped"):
+        lines += ["", f"Not planted, as the library is not installed: {', '.join(skipped)}."]
     return "\n".join(lines) + "\n"
 
 
 def open_questions(results: Iterable[Result], explained: dict[str, str]) -> list[Result]:
-    """Return what is neither named nor explained, and what is explained and caught all the same."""
+    """Return what is neither named nor explained, and what is explained and caught all the same.
+
+    Skipped ones are neither.
+    """
     return [
         result
         for result in results
-        if result.outcome != ("survived" if result.id in explained else "named")
+        if result.outcome not in ("skipped", "survived" if result.id in explained else "named")
     ]
 
 
