@@ -377,6 +377,20 @@ def test_an_armature_of_a_ball_that_differs_is_named_alone_with_its_effect(tmp_p
     assert next(x.size for x in found.effects if x.quantity == "M") > 0.1
 
 
+def test_a_spring_of_a_ball_that_differs_is_named_alone(tmp_path: Path):
+    text = '<mujoco><worldbody><body euler="{}"><joint type="{}" name="b" stiffness="{}"/>'
+    text += '<geom size="0.1" pos="0.3 0 0.1"/></body></worldbody></mujoco>'
+    found = compared_mjcf(
+        tmp_path, text.format("0 0 0", "ball", 0.3), text.format("0 0 0", "ball", 0.2)
+    )
+    assert [str(one) for one in found.differences] == ["joint b_roll: stiffness: 0.3, 0.2"]
+    found = compared_mjcf(
+        tmp_path, text.format("0 0 0", "free", 0.3), text.format("0 0 30", "free", 0.3)
+    )
+    named = "joint b_roll: rest of its spring: orientations 0.524 rad apart"
+    assert [str(one) for one in found.differences] == [named]
+
+
 def test_the_effect_is_at_the_joint_that_differs_in_any_order(tmp_path: Path):
     other = chain_text(order="rl").replace('"l" axis="0 1 0"', '"l" axis="0 1 0" armature="5"')
     for first, second in ((chain_text(), other), (other, chain_text())):

@@ -471,7 +471,10 @@ BETA = turning("β", "a", "b")
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
         ({"joints": [BETA._replace(orientation=(0.0,) * 4)]}, "joint 'β' has the orientation"),
         ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),
-        ({"joints": [BETA._replace(kind="planar", stiffness=1.0)]}, "are for joints with one coor"),
+        ({"joints": [BETA._replace(kind="planar", stiffness=1.0)]}, "'β' is planar: stiffness is"),
+        ({"joints": [BETA._replace(kind="planar", mimics=("α", 1.0, 0.0))]}, "that it follows is"),
+        ({"joints": [BETA._replace(rest_orientation=(0.0,) * 4)]}, "has the rest_orientation"),
+        ({"joints": [BETA._replace(rest_position=(0.0,) * 3)]}, "rest_position = .0.0, 0.0, 0.0."),
         ({"joints": [BETA._replace(mimics=("β", 1.0, 0.0))]}, "joint 'β' follows itself"),
         ({"joints": [BETA._replace(name="α_x"), turning("α", "ground", "a")._replace(
             kind="planar")]}, "two coordinates have the name 'α_x'"),

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import eomcheck
 from eomcheck.claims.proof import prove
-from eomcheck.claims.run import RunSelection, ValidationRun, validate
+from eomcheck.claims.run import RunSelection, ValidationRun, check_state, validate
 from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
@@ -20,6 +20,7 @@ from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries
+from eomcheck.numbers.generic import EPS
 from eomcheck.scene_lookup import scene_named
 from eomcheck.scenes import from_mjcf
 
@@ -105,6 +106,38 @@ def test_a_free_and_a_ball_joint_are_damped_as_mujoco_damps_them(tmp_path: Path)
     found = validate(scene, examples=10, engines=[MjcfFile], formulations=["gw"], claims=claims)
     assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+
+
+def test_a_free_and_a_ball_joint_have_the_springs_that_mujoco_gives_them(tmp_path: Path):
+    """Along the shortest rotation from rest, which is that of the file's pose."""
+    scene = from_mjcf(several(tmp_path / "limb.xml", 'stiffness="7"', 'stiffness="3"'))
+    assert scene.stiffness.tolist() == [7.0, 7.0, 7.0, 2.0]
+    assert scene.gimbal_stiffness.tolist() == [7.0, 3.0]
+    claims = "generalized-forces", "engine-acceleration", "power-balance"
+    found = validate(scene, examples=10, engines=[MjcfFile], formulations=["gw"], claims=claims)
+    assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
+    rest, still = scene.initial_state()
+    states = [rest, rest + 1e-9, rest + 1e-4, rest + 0.01]
+    for q in states:  # smooth where θ / sin θ is 0 / 0
+        found = check_state(scene, q, still, formulations=["gw"], engines=[MjcfFile])
+        assert {one.verdict for one in found if one.claim in claims} == {"passed"}
+
+
+@pytest.mark.parametrize("turns", [0.0, 1e-9, 0.3, 2.0, 3.0, 3.14])
+def test_a_ball_s_spring_has_the_energy_of_its_angle_to_rounding(tmp_path: Path, turns: float):
+    (tmp_path / "ball.xml").write_text(PENDULUM_ON_A_BALL.replace("armature", "stiffness"))
+    scene = from_mjcf(tmp_path / "ball.xml").changed(gravity=None)
+    at = Evaluation(scene, np.array([0.7, turns, 0.0, 0.0]), np.zeros(4))
+    energy = scene.potential(at.parameters, at.prepared, at.q)
+    # The angle is in a cosine, twice near half a turn: so a small one has half the digits.
+    assert energy == pytest.approx(0.2 * turns**2, rel=1e-12, abs=64 * EPS * 0.4)
+
+
+def test_the_spring_of_a_ball_is_proved_in_every_formulation_and_quantity(tmp_path: Path):
+    (tmp_path / "ball.xml").write_text(PENDULUM_ON_A_BALL.replace("armature", "stiffness"))
+    found = prove(from_mjcf(tmp_path / "ball.xml"), points=1)
+    assert {one.verdict for one in found} == {"passed"}
+    assert {"generalized-forces", "power-balance", "weight-gradient"} <= {x.claim for x in found}
 
 
 def test_a_free_and_a_ball_joint_have_the_armature_that_mujoco_gives_them(tmp_path: Path):

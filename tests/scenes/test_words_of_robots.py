@@ -186,11 +186,16 @@ def test_a_free_body_starts_turned_unless_its_angles_are_nearly_singular(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["free", "ball"])
-def test_springs_at_joints_with_several_coordinates_are_refused(tmp_path, kind):
+def test_the_spring_of_a_free_or_ball_joint_rests_where_the_file_draws_it(tmp_path: Path, kind):
     pytest.importorskip("mujoco")
-    path = free(tmp_path / "m.xml", kind=kind, more='stiffness="1" armature="1"')
-    with pytest.raises(InputError, match=r"'f' is free or a ball, with stiffness: .*an arc cosine"):
-        read_mjcf(path)
+    path = free(tmp_path / "m.xml", "0.6 0 0", kind, 'stiffness="1" armature="1"')
+    joint = read_mjcf(path).joints[0]
+    assert joint.stiffness == 1.0
+    place, turn = (1.0, 2.0, 3.0), (np.cos(0.3), np.sin(0.3), 0.0, 0.0)
+    if kind == "ball":
+        place, turn = 0.0, (1.0, 0.0, 0.0, 0.0)
+    assert joint.rest_position == place
+    assert joint.rest_orientation == pytest.approx(turn)
     path.write_text(path.read_text().replace("<worldbody>", f"{NO_SPRINGS}<worldbody>", 1))
     assert read_mjcf(path).joints[0].stiffness is None
 

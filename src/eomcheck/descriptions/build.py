@@ -132,7 +132,9 @@ def _check_joint(joint: Joint) -> None:
             _check_numbers(f"{what}: {name}", value)
             if value < 0:
                 raise InputError(f"{what}: {name} = {value:g}, {NOT_NEGATIVE}")
-    _check_numbers(f"{what}: rest_position", joint.rest_position)
+    count = 3 if joint.kind == "floating" and isinstance(joint.rest_position, tuple) else 1
+    _check_numbers(f"{what}: rest_position", joint.rest_position, count)
+    _check_length(f"{what} has the rest_orientation", joint.rest_orientation, 4)
     if joint.mimics is not None:
         if not isinstance(joint.mimics, tuple | list) or len(joint.mimics) != 3:
             wanted = "expected a joint, a ratio and a shift"

@@ -67,6 +67,8 @@ class DescriptionParameters(NamedTuple):
     torque: Any
     stiffness: Any
     relaxed: Any
+    gimbal_stiffness: Any
+    rest_rotation: Any
     damping: Any
     gravity: Any
 

@@ -118,9 +118,18 @@ class Joint(NamedTuple):
     from the parent.
     """
     stiffness: float | None = None
-    """Spring stiffness, N m/rad or N/m; None without a spring."""
-    rest_position: float = 0.0
-    """Coordinate at which the spring is relaxed, rad or m."""
+    """Spring stiffness, N m/rad or N/m; None without a spring. Of a spherical or floating joint:
+    along the shortest rotation from the child at rest, of which the torque is -k times the rotation
+    vector, and of a floating one from the origin at rest too.
+    """
+    rest_position: float | Triple = 0.0
+    """Coordinate at which the spring is relaxed, rad or m; of a floating joint the three of its
+    origin.
+    """
+    rest_orientation: Quaternion = IDENTITY
+    """Orientation at which the spring of a spherical or floating joint is relaxed, in the frame of
+    the child where all coordinates are 0; a quaternion of any length.
+    """
     armature: float | None = None
     """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without. Of a joint with
     several coordinates: of the same velocities as the damping.

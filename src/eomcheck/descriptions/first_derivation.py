@@ -62,6 +62,10 @@ class PreparedMechanism(NamedTuple):
     """Lengths of the springs between points, or None without any, m."""
     sines: Any = None
     """Sines of the angles between axes of disks and normals of planes, or None without any."""
+    half_cosines: Any = None
+    """Cosines of 1/2, 1/4 and 1/8 of the angles by which gimbals with springs are turned from rest
+    (3, springs), or None without any.
+    """
 
 
 class Frame(NamedTuple):

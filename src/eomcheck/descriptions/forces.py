@@ -7,6 +7,7 @@ of springs and dampers between two points are here too, in the second derivation
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,19 @@ from eomcheck.descriptions.first_derivation import centers, factor, joint_frames
 from eomcheck.descriptions.joint_tree import TopologyPlan
 from eomcheck.descriptions.second_derivation import point_in_ground
 from eomcheck.descriptions.vector_algebra import (
+    AXES,
     ZERO_VECTOR,
+    Vector,
     add_vectors,
     as_vector,
     cross,
     dot,
+    plus,
+    rotate,
     scale_vector,
     subtract_vectors,
     times,
+    total,
 )
 
 # ---- Springs and dampers between two points ------------------------------------------------------
@@ -107,12 +113,124 @@ def spring_dissipation(plan: TopologyPlan, parameters: Any, prepared: Any, q: An
     return R
 
 
+# ---- Springs of joints that turn about any axis --------------------------------------------------
+
+HALVINGS = 3
+"""Number of times that an angle of rotation is halved, before its cosine enters the series."""
+
+TERMS = 14
+"""Terms of the series: behind them are less than 2^-66 of its value."""
+
+UNIT = 2**53
+"""Denominator of its coefficients, whose numerators are exact in float64: they are 2^-54 off."""
+
+
+def _coefficients() -> list[int]:
+    """Return numerators of b in θ² = 2 y Σ b y^n, y = 1 - cos θ: 3F2(1, 1, 1; 3/2, 2; y/2)."""
+    b = [Fraction(1)]
+    for n in range(1, TERMS):
+        b.append(b[-1] * n * n / ((2 * n + 1) * (n + 1)))
+    return [round(x * UNIT) for x in b]
+
+
+ANGLE_SQUARED = _coefficients()
+ANGLE_BY_SINE = [(n + 1) * b for n, b in enumerate(ANGLE_SQUARED)]
+"""That of θ / sin θ = Σ (n + 1) b y^n, half the derivative of θ² by y: 2F1(1, 1; 3/2; y/2)."""
+
+
+def _series(numerators: list[int], y: Any) -> Any:
+    result: Any = numerators[-1]
+    for numerator in reversed(numerators[:-1]):
+        result = result * y + numerator
+    return result / UNIT
+
+
+def _axes_behind(plan: TopologyPlan, prepared: Any, k: int) -> tuple[Vector, ...]:
+    """Return the axes of the frame behind a gimbal, k its last turn, along those before it."""
+    axes: tuple[Vector, ...] = AXES
+    for i in reversed(plan.rotor_joints(k)):
+        hinge = plan.hinge_index[i]
+        cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+        axes = tuple(rotate(a, plan.joints[i].axis, cos, sin) for a in axes)
+    return axes
+
+
+def _axes_at_rest(parameters: Any, spring: int) -> tuple[Vector, ...]:
+    """Return the axes of the frame behind a gimbal where its spring is relaxed."""
+    R = parameters.rest_rotation[spring]
+    return tuple(as_vector(R[:, i]) for i in range(3))
+
+
+def with_half_cosines(plan: TopologyPlan, prepare: Callable) -> Callable:
+    """Return a `prepare` that also computes the cosines of parts of the angles of gimbals.
+
+    The cosine of half an angle is the root of (1 + cos) / 2, and the trace of a rotation is
+    1 + 2 cos.
+    """
+    if not plan.sprung_gimbals:
+        return prepare
+
+    def prepare_all(arithmetic, parameters, q, t):
+        prepared = prepare(arithmetic, parameters, q, t)
+        square = np.zeros(len(plan.sprung_gimbals), q.dtype)
+        for i, k in enumerate(plan.sprung_gimbals):
+            pairs = zip(_axes_at_rest(parameters, i), _axes_behind(plan, prepared, k), strict=True)
+            trace: Any = total(dot(a, b) for a, b in pairs)
+            square[i] = (1 + trace) / 4
+        cosines = np.zeros((HALVINGS, len(square)), q.dtype)
+        for i in range(HALVINGS):
+            cosines[i] = arithmetic.root(square)
+            square = (1 + cosines[i]) / 2
+        return prepared._replace(half_cosines=cosines)
+
+    return prepare_all
+
+
+def _angle_by_sine(prepared: Any, spring: int) -> Any:
+    """Return θ / sin θ of the angle θ by which a gimbal is turned from rest: 1 at rest, and smooth.
+
+    It is that of half the angle over the cosine of half the angle.
+    """
+    cosines = [prepared.half_cosines[i, spring] for i in range(HALVINGS)]
+    ratio = _series(ANGLE_BY_SINE, 1 - cosines[-1])
+    for cosine in cosines:
+        ratio = ratio / cosine
+    return ratio
+
+
+def add_gimbal_springs(plan: TopologyPlan, parameters: Any, prepared: Any, Q: Any) -> None:
+    """Add the torques of springs at gimbals to Q (n,): -k θ u, u the axis of the rotation by θ."""
+    for i, k in enumerate(plan.sprung_gimbals):
+        sine: Any = ZERO_VECTOR  # 2 sin θ u
+        for a, b in zip(_axes_at_rest(parameters, i), _axes_behind(plan, prepared, k), strict=True):
+            sine = add_vectors(sine, cross(a, b))
+        share = parameters.gimbal_stiffness[i] * _angle_by_sine(prepared, i) / 2
+        turns = plan.rotor_joints(k)
+        for place, j in enumerate(turns):
+            axis: Any = AXES[plan.joints[j].axis]
+            for before in reversed(turns[:place]):
+                hinge = plan.hinge_index[before]
+                cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+                axis = rotate(axis, plan.joints[before].axis, cos, sin)
+            Q[plan.joints[j].coordinate] -= share * dot(axis, sine)
+
+
+def gimbal_spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
+    """Return the potential energy k θ² / 2 of springs at gimbals, J; None without any."""
+    U = None
+    for i, _ in enumerate(plan.sprung_gimbals):
+        y = 1 - prepared.half_cosines[HALVINGS - 1, i]
+        half_square = y * _series(ANGLE_SQUARED, y)
+        U = plus(U, parameters.gimbal_stiffness[i] * half_square * 4**HALVINGS)
+    return U
+
+
 # ---- Generalized forces --------------------------------------------------------------------------
 
 
 def make_forces(plan: TopologyPlan) -> Any:
     """Return the function `forces` of a scene."""
-    sprung = bool(plan.topology.springs) or any(
+    sprung = bool(plan.topology.springs or plan.sprung_gimbals) or any(
         slot.spring is not None or slot.torque is not None for slot in plan.joints
     )
 
@@ -140,6 +258,7 @@ def make_forces(plan: TopologyPlan) -> Any:
                     Q[i] += share * v[first]
             if slot.torque is not None:
                 Q[i] += times(grows, times(slot.sense, parameters.torque[slot.torque]))
+        add_gimbal_springs(plan, parameters, prepared, Q)
         add_spring_forces(plan, parameters, prepared, q, v, Q)
         return Q
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.elements import COORDINATES, Joint, Link
+from eomcheck.descriptions.elements import COORDINATES, Joint, Link, Triple
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
@@ -59,6 +59,8 @@ class ScalarJoint(NamedTuple):
     body: int | None = None
     """Index of the body it carries; None if there is none."""
     spring: int | None = None
+    gimbal_spring: int | None = None
+    """Index of the spring of a gimbal; None without one."""
     damper: int | None = None
     rotor: int | None = None
     """Index of its armature; None without a rotor. The rotor of a gimbal has its angular velocity,
@@ -141,6 +143,8 @@ class TopologyPlan:
         self.carriers = tuple(sorted(carriers, key=lambda k: slots[k].body or 0))
         """Scalar joints of the bodies, in their order."""
         self.rotors = tuple(k for k, slot in enumerate(slots) if slot.rotor is not None)
+        self.sprung_gimbals = tuple(k for k, x in enumerate(slots) if x.gimbal_spring is not None)
+        """Last turns of gimbals with a spring, in the order of `ScalarJoint.gimbal_spring`."""
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
         self.hinge_index = {k: place for place, k in enumerate(self.hinges)}
         """Scalar joint -> index among the hinges."""
@@ -342,6 +346,12 @@ def _cycle(link: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str
     return named + (" <- ..." if len(around) > 4 else f" <- {link!r}")
 
 
+def triple_at_rest(joint: Joint) -> Triple:
+    """Return the origin at which the spring of a floating joint is relaxed, m."""
+    rest = joint.rest_position
+    return rest if isinstance(rest, tuple) else (rest, rest, rest)
+
+
 def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
     """Return links or joints by their names.
 
@@ -517,11 +527,15 @@ class JointTree(ElementReader):
     def _add_moving(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
     ) -> int:
-        kinds, several = SCALAR_KINDS[joint.kind], (joint.stiffness, joint.mimics)
-        if len(kinds) > 1 and any(x is not None for x in several):
+        kinds = SCALAR_KINDS[joint.kind]
+        if len(kinds) > 1 and joint.mimics is not None:
             raise InputError(
-                f"joint {joint.name!r} is {joint.kind}: stiffness and a joint that it follows are "
-                "for joints with one coordinate"
+                f"joint {joint.name!r} is {joint.kind}: a joint that it follows is for joints with "
+                "one coordinate"
+            )
+        if joint.kind == "planar" and joint.stiffness is not None:
+            raise InputError(
+                f"joint {joint.name!r} is planar: stiffness is for joints of other kinds"
             )
         turns = COORDINATES[joint.kind][-3:] if kinds[-3:] == GIMBAL else ()
         gimbal = [joint.name + part for part in turns]
@@ -538,7 +552,8 @@ class JointTree(ElementReader):
                 "mimics": mimics,
                 "damper": self.add_parameter("damping", joint.damping, joint.name),
                 "gimbal": name in gimbal[-1:],
-                "spring": self._spring(joint),
+                "spring": None if name in gimbal else self._spring(joint, name),
+                "gimbal_spring": self._gimbal_spring(joint) if name in gimbal[-1:] else None,
                 "rotor": self.add_parameter(
                     "armature", None if name in gimbal[:-1] else joint.armature
                 ),
@@ -566,8 +581,17 @@ class JointTree(ElementReader):
         self.add_parameter("shift", shift)
         return self.coordinate_index[node.name], follows
 
-    def _spring(self, joint: Joint) -> int | None:
+    def _spring(self, joint: Joint, name: str) -> int | None:
         if joint.stiffness is None:
             return None
-        self.add_parameter("relaxed", joint.rest_position)
+        rest = joint.rest_position
+        if joint.kind == "floating":
+            rest = triple_at_rest(joint)[COORDINATES["floating"].index(name[len(joint.name) :])]
+        self.add_parameter("relaxed", rest)
         return self.add_parameter("stiffness", joint.stiffness)
+
+    def _gimbal_spring(self, joint: Joint) -> int | None:
+        if joint.stiffness is None:
+            return None
+        self.add_parameter("rest_orientation", tuple(map(float, joint.rest_orientation)))
+        return self.add_parameter("gimbal_stiffness", joint.stiffness)

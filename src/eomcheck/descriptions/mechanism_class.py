@@ -38,9 +38,11 @@ from eomcheck.descriptions.first_derivation import (
     make_terms,
 )
 from eomcheck.descriptions.forces import (
+    gimbal_spring_energy,
     make_forces,
     spring_dissipation,
     spring_energy,
+    with_half_cosines,
     with_lengths,
 )
 from eomcheck.descriptions.joint_tree import Topology, TopologyPlan, plan_of
@@ -84,6 +86,8 @@ DRAWN: dict[str, tuple[str, str, Any, Any]] = {
     "shift": ("their position where the other's is 0", "rad or m", "", (-1.0, 1.0)),
     "stiffness": ("of springs at joints", "N m/rad or N/m", ">= 0", (0.0, 100.0)),
     "relaxed": ("where they rest", "rad or m", "", (-1.0, 1.0)),
+    "gimbal_stiffness": ("of springs at joints that turn freely", "N m/rad", ">= 0", (0.0, 100.0)),
+    "rest_orientation": ("quaternions at which they rest, of any length", "1", "", (0.1, 1.0)),
     "damping": ("of dampers at joints", "N m s/rad or N s/m", ">= 0", (0.0, 10.0, None)),
     "armature": ("inertia of rotors", "kg m² or kg", ">= 0", (0.01, 1.0)),
     "points": ("of closures", "m", "", (-1.0, 1.0)),
@@ -100,7 +104,7 @@ GEOMETRY = frozenset(
 )
 """Parameters that decide whether a mechanism can be assembled."""
 
-NOT_READ = ("orientation", "moments", "products", "armature")
+NOT_READ = ("orientation", "rest_orientation", "moments", "products", "armature")
 """Parameters that equations read only through `derived` ones."""
 
 OPTIONAL = frozenset({"gravity", "damping"})
@@ -432,6 +436,8 @@ class Mechanism(Parametric, metaclass=_Kind):
             values[name] = None if value is None else arithmetic.numbers(value)
         if values["orientation"] is not None:
             result["rotation"] = _rotations_in(arithmetic, values["orientation"])
+        if values["rest_orientation"] is not None:
+            result["rest_rotation"] = _rotations_in(arithmetic, values["rest_orientation"])
         parts = values["moments"], values["products"], values["armature"]
         gimbals = tuple(self.plan.joints[k].gimbal for k in self.plan.rotors)
         result["inertia"] = inertias(*parts, self.plan.e, gimbals)
@@ -513,8 +519,9 @@ def _ranges_of(source: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]
 
 def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
     """Return the functions of a scene by name."""
+    prepare = with_half_cosines(plan, with_lengths(plan, make_prepare(plan)))
     functions = {
-        "prepare": with_sines(plan, with_lengths(plan, make_prepare(plan))),
+        "prepare": with_sines(plan, prepare),
         "jacobians": make_jacobians(plan),
         "forces": make_forces(plan),
         "velocities": second_derivation.make_velocities(plan),
@@ -531,11 +538,13 @@ def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
 def make_potential(plan: TopologyPlan) -> Callable:
     """Return the function `potential` of a scene."""
     joint_U = second_derivation.make_joint_potential(plan)
-    if not plan.topology.springs:
+    if not plan.topology.springs and not plan.sprung_gimbals:
         return joint_U
 
     def potential(parameters, prepared, q):
-        return plus(joint_U(parameters, prepared, q), spring_energy(plan, parameters, prepared))
+        U = joint_U(parameters, prepared, q)
+        U = plus(U, gimbal_spring_energy(plan, parameters, prepared))
+        return plus(U, spring_energy(plan, parameters, prepared))
 
     return potential
 

@@ -542,12 +542,12 @@ class _MjcfReader:
         if kind in (FREE_JOINT, BALL_JOINT):
             count = 6 if kind == FREE_JOINT else 3
             dampers = m.dof_damping[dof : dof + count]
-            if stiffness or np.ptp(dampers) > 0.0:
+            if np.ptp(dampers) > 0.0:
                 raise Unreadable(
-                    f"{self.where}: joint {name!r} is free or a ball, with stiffness: its spring "
-                    "acts on the angle of a rotation matrix, an arc cosine, of which the exact "
-                    "arithmetic of proofs has none"
+                    f"{self.where}: joint {name!r} is free or a ball, with dampers {dampers}: "
+                    "expected the same of all its velocities"
                 )
+            rest = m.qpos_spring[index : index + count + 1]
             damping = 0.0 if self.off["damper"] else float(dampers[0])
             self._start(name, m.qpos0[index : index + count + 1])
             called = "floating" if kind == FREE_JOINT else "spherical"
@@ -560,6 +560,9 @@ class _MjcfReader:
                     triple_of(place),
                     quaternion_of(turn),
                     damping=damping or None,
+                    stiffness=stiffness or None,
+                    rest_position=triple_of(rest[:3]) if kind == FREE_JOINT and stiffness else 0.0,
+                    rest_orientation=quaternion_of(rest[-4:]) if stiffness else IDENTITY,
                     armature=float(m.dof_armature[dof]) or None,
                 )
             )

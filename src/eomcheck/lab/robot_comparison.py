@@ -671,9 +671,30 @@ def _spring_difference(
     A joint without a spring has none.
     """
     if _coefficient(first, j, "stiffness") and _coefficient(second, k, "stiffness"):
+        if (turned := _turned_at_rest(first, second, j, k)) is not None:
+            if turned > near:
+                text = f"orientations {turned:.3g} rad apart"
+                yield RobotDifference(where, "rest of its spring", text, turned)
+            return
         x, y = (_coefficient(side, i, "relaxed") for side, i in ((first, j), (second, k)))
         if abs(x - y) > near * max(1.0, abs(x), abs(y)):
             yield RobotDifference(where, "rest of its spring", _both(x, y), _relative(x, y))
+
+
+def _turned_at_rest(first: _Side, second: _Side, j: int, k: int) -> float | None:
+    """Return the angle between the rest orientations of two joints that turn about any axis, rad.
+
+    None of joints of another kind.
+    """
+    rotations = []
+    for side, i in (first, j), (second, k):
+        scene: Any = side.scene
+        spring = scene.source.topology.joints[i].gimbal_spring
+        if spring is None:
+            return None
+        rotations.append(scene.float64_parameters.rest_rotation[spring])
+    apart = float(np.linalg.norm(rotations[0] - rotations[1]))  # 2 sqrt(2) sin(angle / 2)
+    return 2.0 * float(np.arcsin(min(apart / np.sqrt(8.0), 1.0)))
 
 
 def _mimic_difference(
@@ -708,10 +729,14 @@ def _coefficient(side: _Side, j: int, name: str) -> float:
         gimbal = side.tree.gimbal_armature
         return float(side.tree.armature[j]) + (float(gimbal[j]) if len(gimbal) else 0.0)
     topology = getattr(getattr(side.scene, "source", None), "topology", None)
-    values = getattr(side.scene, name, None)
-    if topology is None or values is None:
+    if topology is None:
         return 0.0
     index = getattr(topology.joints[j], COEFFICIENTS.get(name, "spring"))
+    if name == "stiffness" and (turns := topology.joints[j].gimbal_spring) is not None:
+        name, index = "gimbal_stiffness", turns
+    values = getattr(side.scene, name, None)
+    if values is None:
+        return 0.0
     return 0.0 if index is None else float(np.ravel(values)[index])
 
 

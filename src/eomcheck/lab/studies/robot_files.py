@@ -53,7 +53,7 @@ REASONS: dict[str, str] = {
     "no robot description": r"is no XML|declares a document type|^\S+ holds <[^>]+>, expected"
     r"|template for xacro",
     "a file that it names is missing": r"Error opening file|cannot be read: No such file",
-    "not described here": r"not understood here|a deformable body|<composite>|with stiffness"
+    "not described here": r"not understood here|a deformable body|<composite>"
     r"|of a tendon in space|is of the kind|not linear|no part of a URDF known here|more than"
     r"|at most|of the plugin",
     "refused by MuJoCo": r"is refused by MuJoCo|gave no answer|ended",
