@@ -520,6 +520,38 @@ def test_an_axis_of_a_page_has_its_title_its_kind_and_its_ticks(axis, made):
     assert chart_plotly._axis(axis) == {"title": {"text": "x"}, "automargin": True} | made
 
 
+@pytest.mark.parametrize(
+    ("values", "unit", "ticks"),
+    [
+        ([3e-9, 2e-2], "", "10<sup>−8</sup> 10<sup>−7</sup> 10<sup>−6</sup> 10<sup>−5</sup> "
+         "10<sup>−4</sup> 10<sup>−3</sup> 10<sup>−2</sup>"),
+        ([0.09, 2e3], "", "0.1 1 10 100 10<sup>3</sup>"),
+        ([1e-16, 1.0], "", "10<sup>−16</sup> 10<sup>−14</sup> 10<sup>−12</sup> 10<sup>−10</sup> "
+         "10<sup>−8</sup> 10<sup>−6</sup> 10<sup>−4</sup> 10<sup>−2</sup> 1"),
+        ([0.0, 0.004, float("nan"), 0.026], "s", "5 ms,10 ms,20 ms"),
+        ([2e-6, 3.0], "s", "10 µs,100 µs,1 ms,10 ms,100 ms,1 s"),
+    ],
+)  # fmt: skip
+def test_ticks_of_logarithms_of_a_page_are_powers_of_ten(values, unit, ticks):
+    made = chart_plotly._ticks(Axis("x", log=True, unit=unit), values)
+    assert made["ticktext"] == ticks.split("," if unit else " ")
+    assert min(values) <= made["tickvals"][0] < made["tickvals"][-1] <= 1.1 * max(values)
+    assert made["ticksuffix"] == ""
+
+
+@pytest.mark.parametrize(
+    ("axis", "values"),
+    [
+        (Axis("x"), [1.0, 100.0]),
+        (Axis("x", log=True, ticks=(1, 2)), [1.0, 100.0]),
+        (Axis("x", log=True), [0.0]),
+        (Axis("x", log=True), [6.0, 7.0]),
+    ],
+)
+def test_other_axes_and_narrow_ones_have_the_ticks_of_plotly(axis, values):
+    assert chart_plotly._ticks(axis, values) == {}
+
+
 def test_what_points_say_is_wrapped_and_no_markup():
     long = "word " * 12
     assert chart_plotly._wrapped(["<a> & b", long]) == [

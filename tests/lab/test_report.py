@@ -12,6 +12,7 @@ from tests import reports
 from tests.cli.test_cli import run
 
 from eomcheck import CLAIMS, check_state
+from eomcheck.claims.finding import unresolved_detail
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
 from eomcheck.lab.report.overview import Overview, read_records
@@ -169,7 +170,20 @@ def test_a_claim_that_nothing_could_be_checked_on_does_not_hold(good: Path):
         for row in overview.rows
     ]
     assert "on the others nothing could be checked" in overview.headline
-    assert overview.verdict == "passed"
+    assert (overview.verdict, overview.mark) == ("passed", "partly")
+
+
+def test_only_if_nothing_is_undecided_the_mark_is_that_of_success(good: Path, bad: Path):
+    assert Overview(read_records([good])).mark == "passed"
+    assert Overview(read_records([bad])).mark == "failed"
+    assert Overview([Record("accuracy", {})]).mark == "nothing-checked"
+    overview = Overview(read_records([good]))
+    (first, *others) = overview.rows
+    overview.rows = [
+        replace(first, verdict="inconclusive", detail=unresolved_detail(["M"], 2)),
+        *others,
+    ]
+    assert overview.headline.startswith("All ") and overview.mark == "partly"
 
 
 def test_of_a_cell_in_two_files_the_last_counts(tmp_path: Path):

@@ -81,6 +81,23 @@ def test_nothing_overflows(page):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_the_contents_stay_in_sight_and_mark_the_section_that_is_read(page):
+    links = page.locator("nav .contents a")
+    ids = [one.get_attribute("href") for one in links.all()]
+    assert {"#failures", "#claims", "#states", "#mechanisms"} < {*ids}
+    assert [one.get_attribute("id") for one in page.locator("main > section").all()] == [
+        one.removeprefix("#") for one in ids
+    ]
+    for id in ("#states", "#claims"):
+        page.locator(f'nav a[href="{id}"]').click()
+        current = page.locator(f'nav a[href="{id}"][aria-current]')
+        current.wait_for()
+        assert page.locator("nav a[aria-current]").count() == 1
+        box, bar = current.bounding_box(), page.locator("nav").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= page.viewport_size["width"]
+        assert page.locator(f"{id} h2").bounding_box()["y"] >= bar["y"] + bar["height"]
+
+
 def test_the_legend_lights_one_formulation_everywhere(page):
     button = page.locator('#legend button[data-key="kane"]')
     button.click()

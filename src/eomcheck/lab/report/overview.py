@@ -465,6 +465,15 @@ class Overview:
         return "passed" if any(row.verdict == "passed" for row in self.rows) else "nothing checked"
 
     @property
+    def mark(self) -> str:
+        """The verdict as class of the headline of a page: "partly" if it is passed but a claim, or
+        an entry of one in every state, is undecided.
+        """
+        undecided = any(one.kind != "passed" or one.unresolved for one in self.claims)
+        partly = self.verdict == "passed" and undecided
+        return "partly" if partly else self.verdict.replace(" ", "-")
+
+    @property
     def headline(self) -> str:
         """The verdict as a sentence."""
         if self.verdict == "nothing checked":

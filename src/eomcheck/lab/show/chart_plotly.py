@@ -13,9 +13,11 @@ from itertools import pairwise
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from eomcheck.errors import EngineError
 from eomcheck.lab.show.chart import STYLES, Axis, Chart, Heat, Line, Panel
-from eomcheck.lab.show.table import EXTRA
+from eomcheck.lab.show.table import EXTRA, seconds_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -52,7 +54,10 @@ def figure_of(panel: Panel | Heat) -> Figure:
     if isinstance(panel, Heat):
         _add_heat(figure, panel)
         return figure
-    figure.update_layout(xaxis=_axis(panel.x), yaxis=_axis(panel.y))
+    for name in "xy":
+        axis = getattr(panel, name)
+        ticks = _ticks(axis, [x for line in panel.lines for x in getattr(line, name)])
+        figure.update_layout({f"{name}axis": _axis(axis) | ticks})
     if panel.equal:
         figure.update_yaxes(scaleanchor="x")
     for line in panel.lines:
@@ -112,6 +117,39 @@ def _axis(axis: Axis) -> dict[str, Any]:
     if axis.ticks:
         layout["tickvals"] = list(axis.ticks)
     return layout
+
+
+MOST_TICKS = 9
+"""Largest number of labels on a logarithmic axis of a page."""
+
+
+def _ticks(axis: Axis, values: Sequence[Any]) -> dict[str, Any]:
+    """Return the ticks of a logarithmic axis: powers of ten, or also 2 and 5 times these where the
+    values lie within two decades; none where these are too few.
+    """
+    drawn = [x for x in values if isinstance(x, float | int) and 0 < x < np.inf]
+    if not axis.log or axis.ticks or not drawn:
+        return {}
+    low, high = 0.9 * min(drawn), 1.1 * max(drawn)
+    exponents = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    powers = [k for k in exponents if low <= 10.0**k <= high]
+    if len(powers) > 2:
+        powers = powers[:: -(-len(powers) // MOST_TICKS)]
+        ticks = {10.0**k: _power(k) for k in powers}
+    else:
+        multiples = [float(f"{m}e{k}") for k in exponents for m in (1, 2, 5)]
+        ticks = {x: f"{x:g}" for x in multiples if low <= x <= high}
+    if len(ticks) < 2:
+        return {}
+    texts = [seconds_text(x) for x in ticks] if axis.unit == "s" else list(ticks.values())
+    return {"tickvals": list(ticks), "ticktext": texts, "ticksuffix": ""}
+
+
+def _power(exponent: int) -> str:
+    """Return a power of ten as plotly's markup: as a number from 0.1 to 100."""
+    if -1 <= exponent <= 2:
+        return f"{10.0**exponent:g}"
+    return f"10<sup>{exponent}</sup>".replace("-", "−")
 
 
 def _add(figure: Figure, line: Line) -> None:

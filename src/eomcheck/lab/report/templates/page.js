@@ -92,3 +92,25 @@ function unfold() {
 }
 addEventListener("hashchange", unfold);
 unfold();
+
+// ---- The section that is read -----------------------------------------------------------------------
+
+const links = [...document.querySelectorAll(".contents a")];
+const sections = links.map((link) => document.querySelector(link.hash));
+
+function markSection() {
+  // One that begins in the upper third is read; at the end of the page it is the last.
+  const end = scrollY + innerHeight >= document.documentElement.scrollHeight - 2;
+  const passed = sections.filter((one) => end || one.getBoundingClientRect().top <= innerHeight / 3);
+  const current = links[passed.length - 1];
+  for (const link of links) {
+    if (link !== current) link.removeAttribute("aria-current");
+    else if (!link.hasAttribute("aria-current")) {
+      link.setAttribute("aria-current", "true");
+      const row = link.parentElement;
+      row.scrollLeft = link.offsetLeft - (row.clientWidth - link.offsetWidth) / 2;
+    }
+  }
+}
+addEventListener("scroll", markSection, { passive: true });
+markSection();
