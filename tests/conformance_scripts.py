@@ -44,6 +44,10 @@ runpy.run_path(sys.argv[1], {"print": lambda *x, **more: print(*x, file=own, **m
 """
 """Program that runs a script with the output of all but its own `print` turned to stderr."""
 
+SOURCE_ONLY = {"genesis": "pygltflib", "jaxsim": "pptree"}
+"""Library -> package that it needs and that its index has as source alone, without a wheel. It is
+pure Python, and the `pip install` of a user builds it; eomcheck itself installs wheels alone."""
+
 OLDER_NUMPY = "numpy<2"
 """Requirement of libraries that were compiled for it."""
 
@@ -93,7 +97,10 @@ def run(
     Raises:
         EngineError: the library cannot be installed.
     """
-    python = python_with(" ".join([*adapter_of(script).requirements(version), *beside.split()]))
+    needed = [*adapter_of(script).requirements(version), *beside.split()]
+    if package := SOURCE_ONLY.get(library_of(script)):
+        needed.append(f"--no-binary={package}")
+    python = python_with(" ".join(needed))
     hidden = {"PYTHONPATH", "VIRTUAL_ENV"}
     environment = {key: value for key, value in os.environ.items() if key not in hidden}
     with tempfile.TemporaryDirectory() as folder:

@@ -38,6 +38,12 @@ SCENE = "chain-pendulum"
 
 UNINSTALLED = "cannot be installed"
 
+LONGEST = 3600
+"""Seconds that the study of one library may take: JAX may compile a topology for longer."""
+
+TIMED_OUT = 124
+"""Exit code of `timeout` for a command that it has ended."""
+
 
 def by_extra() -> dict[str, list[str]]:
     """Return extra -> keys of the engines of its library."""
@@ -67,7 +73,9 @@ def study(keys: list[str], robots: list[str], states: int) -> tuple[bool, str, s
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "study.json"
-        words = [sys.executable, "-m", "eomcheck", "study", "conformance", "--isolated"]
+        # It is asked to end, and so ends the processes of the library too.
+        words = ["timeout", "--kill-after=60", str(LONGEST), sys.executable, "-m", "eomcheck"]
+        words += ["study", "conformance", "--isolated"]
         words += ["--engine", ",".join(keys), "--robot", ",".join(robots), "--states", str(states)]
         words += ["--deviations", str(KNOWN)] if KNOWN.exists() else []
         words += ["--patience", "600", "--json", str(file)]
@@ -78,6 +86,8 @@ def study(keys: list[str], robots: list[str], states: int) -> tuple[bool, str, s
         last = (end.stderr.strip().splitlines() or [""])[-1]
         if end.returncode == 2 and UNINSTALLED in last:
             return True, f"left out: {last}", ""
+        if end.returncode == TIMED_OUT:
+            return False, f"no end after {LONGEST} s", end.stdout
         if end.returncode not in (0, 1):
             return False, f"exit code {end.returncode}: {last}", end.stdout
         records = json.loads(file.read_text(encoding="utf-8"))["records"]

@@ -147,6 +147,7 @@ def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Pat
         (2, "eomcheck: x cannot be installed: offline", [], True, "left out: eomcheck: x cannot"),
         (2, "eomcheck: no such robot", [], False, "exit code 2: eomcheck: no such robot"),
         (-11, "", [], False, "exit code -11"),
+        (124, "", [], False, "no end after 3600 s"),
     ],
 )
 def test_a_library_is_left_out_only_if_it_cannot_be_installed(
@@ -208,6 +209,17 @@ def test_a_script_runs_without_eomcheck_and_must_end_well_and_write(
     monkeypatch.setattr(conformance_scripts, "PATIENCE", 1.0 if "while" in text else 60.0)
     result = conformance_scripts.run(script, "1.7")
     assert result[0] is right and output in result[1] and asked == ["newton==1.7 mujoco"]
+
+
+def test_what_a_library_needs_and_has_no_wheel_is_built_for_its_scripts(tmp_path, monkeypatch):
+    script, asked = tmp_path / "jaxsim_example.py", []
+    script.write_text("print('found')")
+    monkeypatch.setattr(
+        conformance_scripts, "python_with", lambda x: asked.append(x) or Path(sys.executable)
+    )
+    assert conformance_scripts.run(script, "0.9") == (True, "found\n")
+    assert asked == ["jaxsim==0.9 --no-binary=pptree"]
+    assert {*conformance_scripts.SOURCE_ONLY} <= {*conformance_scripts.adapters()}
 
 
 PRINTING = """import os, sys
