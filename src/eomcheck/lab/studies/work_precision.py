@@ -337,7 +337,7 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
                 File(
                     f"work-precision{f'-{name}' if several else ''}{end}",
                     f"{name}\n{missing}" if missing else name,
-                    [[(i, label, axis.title) for label in errors.values()] for i in integrators],
+                    [[(i, label, axis.title) for i in integrators] for label in errors.values()],
                 )
                 for axis, end in zip(AGAINST.values(), ("", "-rhs"), strict=True)
             ],
