@@ -388,3 +388,72 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
     write_table(tmp_path / "s.npz", columns)
     assert run("s.npz", "--scene", "chain-pendulum", "--figures", ".") == 2
     assert "only a log, with a column t, is drawn" in capsys.readouterr().err
+
+
+# ---- Logs of a simulator -------------------------------------------------------------------------
+
+ARM = """<mujoco><option timestep="0.002"/><worldbody>
+<body><joint name="hip" axis="0 1 0" damping="0.3"/><geom size="0.05 0.1" type="cylinder" pos="0.1 0 0.2"/>
+<body pos="0.2 0 0.4"><joint name="knee" axis="1 2 0" damping="0.2"/><geom size="0.04 0.2 0.1" type="box"
+ pos="0 0.1 0.2"/></body></body></worldbody></mujoco>"""  # noqa: E501
+
+
+def mujoco_log(path: Path, integrator: str, digits: str = "%.9g") -> Path:
+    """Write the log of an arm under torques: the state before a step, its qacc and forces."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(ARM)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    data, rows = mujoco.MjData(model), []
+    data.qpos[:] = 0.4, -0.3
+    for k in range(150):
+        data.qfrc_applied[:] = 3.0 * np.sin(9.0 * k * STEP + 1.0), np.cos(7.0 * k * STEP)
+        before = k * STEP, *data.qpos, *data.qvel
+        mujoco.mj_step(model, data)
+        rows.append((*before, *data.qacc, *data.qfrc_applied))
+    names = [f"{x}[{joint}]" for x in ("q", "v", "a", "tau") for joint in ("hip", "knee")]
+    np.savetxt(path, rows, digits, ",", header=",".join(["t", *names]), comments="")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("integrator", "note"),
+    [
+        ("EULER", "half a step ahead of v: semi-implicit Euler, dampers implicit"),
+        ("IMPLICITFAST", "half a step ahead of v: semi-implicit Euler, dampers implicit"),
+        ("IMPLICIT", "half a step ahead of v: implicit Euler in the velocities"),
+        ("RK4", "half a step ahead of v: explicit Euler or leapfrog"),
+    ],
+)
+def test_a_log_of_mujoco_does_not_fail_whatever_its_integrator(
+    tmp_path: Path, integrator: str, note: str
+):
+    path = mujoco_log(tmp_path / "log.csv", integrator)
+    (tmp_path / "arm.xml").write_text(ARM)
+    found, notes, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
+    assert [str(one) for one in found if one.verdict == "failed"] == []
+    assert any(note in one for one in notes)
+    means = [one.detail for one in found if "means of the step to the state" in one.detail]
+    assert len(means) == (integrator == "RK4")
+
+
+@pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "RK4"])
+@pytest.mark.parametrize("mistake", ['damping="0.31"', 'pos="0.1 0 0.203"', "no damper"])
+def test_a_log_of_mujoco_fails_with_another_model(tmp_path: Path, integrator: str, mistake: str):
+    path = mujoco_log(tmp_path / "log.csv", integrator)
+    old = {"pos": 'pos="0.1 0 0.2"', "no ": 'damping="0.2"'}.get(mistake[:3], 'damping="0.3"')
+    text = ARM.replace(old, "" if mistake == "no damper" else mistake)
+    (tmp_path / "arm.xml").write_text(text)
+    found, _, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
+    assert "equations of motion" in {one.subject for one in found if one.verdict == "failed"}
+
+
+def test_steps_that_solve_no_implicit_equation_are_not_excused(tmp_path: Path):
+    """One row of a that is off by a hundredth of a percent."""
+    path = mujoco_log(tmp_path / "log.csv", "EULER", "%.12g")
+    (tmp_path / "arm.xml").write_text(ARM)
+    lines = path.read_text().splitlines()
+    cells = lines[70].split(",")
+    cells[5] = f"{float(cells[5]) * 1.0001:.12g}"
+    path.write_text("\n".join([*lines[:70], ",".join(cells), *lines[71:]]) + "\n")
+    _, notes, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
+    assert not any("implicit" in one and "ahead" in one for one in notes)

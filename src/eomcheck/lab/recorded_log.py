@@ -283,6 +283,14 @@ BY_STEPS = {
 }
 """Which rate of a step is its difference quotient -> the alignment."""
 
+IMPLICIT = {
+    False: "semi-implicit Euler, dampers implicit",
+    True: "implicit Euler in the velocities",
+}
+"""Integrators whose step from v follows from a, by whether more forces than those of dampers are
+implicit.
+"""
+
 BESIDE = (
     BY_STEPS["after"],
     BY_STEPS["before"],
@@ -356,7 +364,7 @@ def compare_rate(
     here = difference_rates(t, x, moved)
     error, allowed = np.abs(rate - here.value), here.error + rate_error
     change = np.abs(np.diff(here.value, axis=0))
-    first_order = largest_around(_on_rows(change), 1)
+    first_order = largest_around(_on_rows(change))
     h = np.diff(t)[:, None]
     step = np.diff(x, axis=0)
     step_error = moved[1:] + moved[:-1] + h * (rate_error[1:] + rate_error[:-1])
@@ -389,6 +397,59 @@ def compare_rate(
     broken = error > allowed + first_order
     sides = jumps, step, h * quotients["mean"]
     return RateCheck(here, error, allowed, first_order, tuple(found), broken, *sides)
+
+
+def implicit_alignment(motion: RecordedMotion, a: Array, a_error: Array) -> Alignment | None:
+    """Return the alignment of accelerations with the steps of an integrator implicit in v.
+
+    With f the forces that depend on v, the step Δv of such an integrator from a row solves
+    (M + h ∂f/∂v) Δv = h M a, where f is that of dampers, or that of all terms. As f has degree 2 in
+    v, ∂f/∂v Δv is (f(v + Δv) - f(v - Δv)) / 2; of dampers, which have degree 1, the same at v = 0.
+
+    Args:
+        motion: the motion, its v not whole steps beside the rows.
+        a, a_error: accelerations (k, n) and the errors of these.
+    """
+    count = len(motion.t) - 1
+    few = np.linspace(0, count - 1, min(count, JUDGED_IN_LOG)).astype(int)
+    for full, by in IMPLICIT.items():
+        if all(
+            _is_implicit(motion, a, a_error, rows, full).all() for rows in (few, np.arange(count))
+        ):
+            return BY_STEPS["before"]._replace(by=by)
+    return None
+
+
+def _is_implicit(
+    motion: RecordedMotion, a: Array, a_error: Array, rows: Array, full: bool
+) -> Array:
+    """Return flags (k, n) of rows whose step solves the equation of `implicit_alignment`."""
+    h = np.diff(motion.t)[rows, None]
+    v, step = motion.v[rows], np.diff(motion.v, axis=0)[rows]
+    noise = motion.rounding("v")
+    noise = (noise[rows + 1] + noise[rows]) / h + a_error[rows]
+
+    def needed(v: Array, vdot: Array) -> Array:
+        velocities, accelerations = np.zeros_like(motion.v), np.zeros_like(motion.v)
+        velocities[rows], accelerations[rows] = v, vdot
+        return _expected_forces(motion._replace(v=velocities), accelerations, rows)
+
+    still, at = 0.0 * v, v if full else 0.0 * v
+    terms = (
+        needed(v, step / h),
+        needed(v, a[rows]),
+        needed(at + step, still),
+        needed(at - step, still),
+    )
+    off = terms[0] - terms[1] + (terms[2] - terms[3]) / 2.0
+    relative = allowed_error(1.0, motion.unit_roundoff) + motion.rounding("q")[rows].max(axis=1)
+    allowed = np.max(np.abs(terms), axis=(0, 2))[:, None] * relative[:, None]
+    weight = needed(still, still)
+    for j in range(v.shape[1]):
+        alone = np.zeros_like(noise)
+        alone[:, j] = noise[:, j]
+        allowed = allowed + np.abs(needed(still, alone) - weight)
+    return np.abs(off) <= allowed
 
 
 def _on_rows(of_steps: Array) -> Array:
@@ -973,7 +1034,7 @@ def compare_equations(
     if differences:
         later = _expected_forces(motion, np.roll(a, -1, axis=0), rows[:-1])
         changes = np.maximum(changes, np.abs(later - expected[:-1]))
-    first_order = largest_around(_on_rows(changes), 1)
+    first_order = largest_around(_on_rows(changes))
     size = np.abs(expected).max(axis=1, initial=0.0)[:, None]
     noise = motion.tau_error + allowed_error(1.0, motion.unit_roundoff) * size
     least = np.finfo(float).tiny
@@ -998,13 +1059,28 @@ def compare_equations(
     return EquationsCheck(expected, error, first_order, judged, inertia), columns
 
 
-def _row_alignment(motion: RecordedMotion, a: Array, check: EquationsCheck) -> str:
-    """Return how forces or accelerations lie beside the state, by rows; "" if they do not."""
+def _row_alignment(
+    motion: RecordedMotion, a: Array, check: EquationsCheck, stage: bool = False
+) -> str:
+    """Return how forces or accelerations lie beside the state, by rows; "" if they do not.
+
+    Args:
+        motion: the motion.
+        a: accelerations (k, n).
+        check: the comparison of forces.
+        stage: allow errors of second order too, as those of a Runge-Kutta method, whose last stage
+            is at an estimate of the next state, and whose mean is that of a step.
+    """
     count = len(motion.t)
     rows = np.array([k for k in check.judged if 0 < k < count - 1], dtype=int)
     if not len(rows):
         return ""
     allowed = np.max([one.allowed for one in check.judged.values()], axis=0)
+    if stage:
+        rest = _expected_forces(motion, 0.0 * a, np.arange(count))
+        parts = rest, check.expected - rest
+        bends = np.sum([np.abs(np.diff(x, 2, axis=0)) for x in parts], axis=0)
+        allowed = allowed + largest_around(np.concatenate((bends[:1], bends, bends[-1:])))[rows]
     for shift, text in ((-1, "the row before"), (1, "the row behind")):
         beside = rows + shift
         expected = {
@@ -1012,6 +1088,10 @@ def _row_alignment(motion: RecordedMotion, a: Array, check: EquationsCheck) -> s
             "tau are those of": check.expected[beside],
             "a are those of": _expected_forces(motion, np.roll(a, shift, axis=0), rows),
         }
+        if stage:
+            here = _expected_forces(motion, a, rows)
+            mean = (here + expected["a and tau are those of the state of"]) / 2.0
+            expected["a and tau are means of the step to the state of"] = mean
         for what, needed in expected.items():
             if (np.abs(motion.tau[rows] - needed) <= allowed).all():
                 return f"{what} {text}"
@@ -1048,6 +1128,9 @@ def equations_findings(
     failing = [one for one in wider.values() if one.fails]
     if not failing:
         detail = "forces are off by no more than they change in a step: of first order"
+        return [log.finding(worst, *numbers, "inconclusive", detail)], []
+    if text := _row_alignment(motion, a, check, stage=True):
+        detail = f"{text}, up to errors of second order in the step"
         return [log.finding(worst, *numbers, "inconclusive", detail)], []
     failing.sort(key=lambda one: -float(one.ratios.max()))
     layout = TableLayout({}, None, ())
@@ -1264,6 +1347,12 @@ def check_motion(
     else:
         sides = motion.v, rounding["v"], a, motion.rounding("a")
         accelerations = compare_rate(t, t_error, *sides)
+        if None in accelerations.alignments:
+            # Where v is whole steps beside, a row has not the state from which its step goes.
+            beside = 0 if speeds.common is None else int(speeds.common.half_steps / 2)
+            implicit = None if beside else implicit_alignment(motion, a, motion.rounding("a"))
+            if implicit is not None:
+                accelerations = accelerations._replace(alignments=(implicit,) * scene.n)
         more_findings, more = rate_findings(motion, ("a", "v"), accelerations, a)
         findings, notes = findings + more_findings, notes + more
         allowed = accelerations.allowed + accelerations.first_order
