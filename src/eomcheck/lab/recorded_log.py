@@ -363,8 +363,9 @@ def compare_rate(
     moved = x_error + np.abs(rate) * t_error[:, None]
     here = difference_rates(t, x, moved)
     error, allowed = np.abs(rate - here.value), here.error + rate_error
-    change = np.abs(np.diff(here.value, axis=0))
-    first_order = largest_around(_on_rows(change))
+    # Of a right log both change alike; differences of columns in other units change by more.
+    changes = (largest_around(_on_rows(np.abs(np.diff(y, axis=0))), 1) for y in (here.value, rate))
+    first_order = np.minimum(*changes)
     h = np.diff(t)[:, None]
     step = np.diff(x, axis=0)
     step_error = moved[1:] + moved[:-1] + h * (rate_error[1:] + rate_error[:-1])
@@ -394,7 +395,7 @@ def compare_rate(
             right = off <= beside.error + rate_error[beside.rows]
             recognize(alignment, right, together=bool(alignment.by))
     found = [None if jumps[:, j].any() else found[j] for j in range(n)]
-    broken = error > allowed + first_order
+    broken = error > allowed + largest_around(first_order)  # a rate may be at its extremum
     sides = jumps, step, h * quotients["mean"]
     return RateCheck(here, error, allowed, first_order, tuple(found), broken, *sides)
 
@@ -1034,7 +1035,7 @@ def compare_equations(
     if differences:
         later = _expected_forces(motion, np.roll(a, -1, axis=0), rows[:-1])
         changes = np.maximum(changes, np.abs(later - expected[:-1]))
-    first_order = largest_around(_on_rows(changes))
+    first_order = largest_around(_on_rows(changes), 1)
     size = np.abs(expected).max(axis=1, initial=0.0)[:, None]
     noise = motion.tau_error + allowed_error(1.0, motion.unit_roundoff) * size
     least = np.finfo(float).tiny
