@@ -390,6 +390,19 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
     assert "only a log, with a column t, is drawn" in capsys.readouterr().err
 
 
+def test_the_compared_rate_has_the_allowed_error_of_its_failure(tmp_path: Path):
+    """That of a first-order step is part of it."""
+    path = tmp_path / "log.csv"
+    log = logged_motion(CHAIN, "semi-implicit", STEP, 60)
+    columns = log_columns(CHAIN, log._replace(v=1.5 * log.v))
+    write_table(path, columns)
+    found, _, _ = check_recorded(path, CHAIN)
+    failed = next(one for one in found if one.subject == "v against q")
+    assert failed.verdict == "failed"
+    errors = {abs(x.recorded - x.expected): x.allowed for x in failed.compared}
+    assert errors[failed.observed] == failed.allowed
+
+
 # ---- Logs of a simulator -------------------------------------------------------------------------
 
 ARM = """<mujoco><option timestep="0.002"/><worldbody>

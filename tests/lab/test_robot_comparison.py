@@ -377,6 +377,12 @@ def test_an_armature_of_a_ball_that_differs_is_named_alone_with_its_effect(tmp_p
     assert next(x.size for x in found.effects if x.quantity == "M") > 0.1
 
 
+def test_forces_of_stiff_joints_may_differ_by_their_own_digits(tmp_path: Path):
+    first, second = (chain_text(f'stiffness="1e9" springref="{x}"') for x in (0.3, 0.3000001))
+    assert first != second
+    assert compared_mjcf(tmp_path, first, second).is_same
+
+
 def test_a_spring_of_a_ball_that_differs_is_named_alone(tmp_path: Path):
     text = '<mujoco><worldbody><body euler="{}"><joint type="{}" name="b" stiffness="{}"/>'
     text += '<geom size="0.1" pos="0.3 0 0.1"/></body></worldbody></mujoco>'
