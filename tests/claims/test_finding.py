@@ -12,6 +12,7 @@ from tests.reports import Heavy
 import eomcheck
 from eomcheck.claims.finding import Finding, ratio, worst
 from eomcheck.claims.findings import Findings, headline
+from eomcheck.claims.run import is_same_failure
 from eomcheck.mechanics.records import State
 
 SCENE = Heavy()
@@ -116,3 +117,22 @@ def test_results_are_html_without_a_load_from_outside():
     assert "FAIL M &amp; B of heavy" in page and "row &lt;x&gt;" in page
     assert escape(named.as_python()) in page and "http" not in page and "<script" not in page
     assert "<details>" not in Findings([PASSED])._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        ({}, True),
+        ({"subject": "ml ~ kane"}, True),
+        ({"subject": "kane ~ uk"}, False),
+        ({"claim": "power-balance"}, False),
+        ({"detail": "v̇, row θ_2: 7.5, expected 1e-3"}, True),
+        ({"detail": "v̇, row θ_1: wrong sign"}, False),
+        ({"verdict": "passed"}, False),
+        ({"observed": 3.0, "allowed": 2.0}, True),
+    ],
+)
+def test_a_failure_is_the_same_with_other_numbers_and_its_sides_in_any_order(change, same):
+    detail = "v̇, row θ_1: 2.5, expected 2"
+    one = Finding("equivalence", "kane ~ ml", None, None, 1.0, 0.1, "failed", "checked", detail)
+    assert is_same_failure(replace(one, **change), one) is same
