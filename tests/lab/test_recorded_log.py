@@ -22,7 +22,13 @@ from tests.trials.recorded_answers import (
 from eomcheck import cli, simulate
 from eomcheck.errors import InputError
 from eomcheck.lab.recorded_answers import write_states
-from eomcheck.lab.recorded_log import check_recorded, difference_rates, is_log, rate_weights
+from eomcheck.lab.recorded_log import (
+    check_recorded,
+    difference_rates,
+    is_log,
+    rate_weights,
+    unit_of,
+)
 from eomcheck.lab.recorded_table import open_table, write_table
 from eomcheck.lab.report.motion_tables import write_trajectory
 from eomcheck.lab.show.chart import Panel
@@ -388,6 +394,15 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
     write_table(tmp_path / "s.npz", columns)
     assert run("s.npz", "--scene", "chain-pendulum", "--figures", ".") == 2
     assert "only a log, with a column t, is drawn" in capsys.readouterr().err
+
+
+def test_a_unit_is_named_where_one_row_resolves_it_and_none_contradicts():
+    allowed, degree = np.full(2, 0.1), 180.0 / np.pi
+    known, small = (np.array([5.0, 0.2]), np.array([0.1, 0.0]))
+    sides = [(0, degree * small + 1.0, small, allowed), (7, degree * known - 1.0, known, allowed)]
+    assert unit_of(sides) == "in degrees"
+    assert unit_of(sides[:1]) == ""
+    assert unit_of([*sides, (9, known, known, allowed)]) == ""
 
 
 def test_the_compared_rate_has_the_allowed_error_of_its_failure(tmp_path: Path):

@@ -651,10 +651,11 @@ def unit_of(sides: Sequence[tuple[int, Array, Array, Array]]) -> str:
     Args:
         sides: row, recorded array, expected array and allowed errors.
     """
+    if not any((np.abs(expected) > 2.0 * allowed).any() for _, _, expected, allowed in sides):
+        return ""
     for text, factor in UNITS.items():
         if factor > 1.0 and all(
             (np.abs(actual / factor - expected) <= allowed).all()
-            and (np.abs(expected) > 2.0 * allowed).any()
             for _, actual, expected, allowed in sides
         ):
             return text
