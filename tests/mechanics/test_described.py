@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.mechanics.descriptions import (
     ALL,
     CLOSED,
@@ -384,6 +385,34 @@ def test_a_spring_rests_where_its_joint_says_along_any_axis(kind, axis):
     assert forces == pytest.approx([-3.0 * (stretched - 1.5 * follower) - damped], rel=1e-14)
     energy = scene.potential(at.parameters, at.prepared, at.q)
     assert energy == pytest.approx(3.0 * (stretched**2 + follower**2) / 2, rel=1e-14)
+
+
+@pytest.mark.parametrize("kind", ["spherical", "floating"])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_spring_about_any_axis_pulls_along_the_shortest_rotation_to_its_rest(kind, seed):
+    """Beside the rotation vector of SciPy, of quaternions of any length, at any angles."""
+    random = np.random.default_rng(seed)
+    rest, at_rest = random.uniform(-1.0, 1.0, 4), tuple(random.uniform(-1.0, 1.0, 3).tolist())
+    joint = elements.Joint(
+        *("ball", kind, "ground", "a", (0.1, 0.2, 0.3), tuple(random.uniform(-1.0, 1.0, 4))),
+        stiffness=3.0,
+        rest_position=at_rest if kind == "floating" else 0.0,
+        rest_orientation=tuple(rest.tolist()),
+    )
+    scene = mechanism("Sprung", [GROUND, rod("a")], [joint], gravity=None)()
+    q = random.uniform(-3.0, 3.0, scene.n)
+    at = Evaluation(scene, q, np.zeros(scene.n))
+    turned = Rotation.from_euler("ZYX", q[-3:])
+    resting = Rotation.from_quat(np.roll(rest, -1))  # w last
+    vector = (turned * resting.inv()).as_rotvec()
+    stretched = q[:-3] - at_rest[: scene.n - 3]
+    energy = scene.potential(at.parameters, at.prepared, at.q)
+    assert energy == pytest.approx(1.5 * (vector @ vector + stretched @ stretched), rel=1e-12)
+    axes = [[0.0, 0.0, 1.0]]
+    axes += [Rotation.from_euler("Z", q[-3]).apply([0.0, 1.0, 0.0])]
+    axes += [Rotation.from_euler("ZY", q[-3:-1]).apply([1.0, 0.0, 0.0])]
+    forces = [*(-3.0 * stretched), *(-3.0 * np.array(axes) @ vector)]
+    assert pytest.approx(forces, rel=1e-12, abs=1e-12) == at.terms.Q
 
 
 class Motor(Described, description=lambda parameters: _motor(parameters), closed=True):
