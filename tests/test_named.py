@@ -62,13 +62,9 @@ def test_a_scene_of_a_kind_is_its_example_or_the_first_with_so_many_links():
         ),
         (lambda: scene_class_named("all"), "scene = 'all': expected one scene"),
         (
-            lambda: scene_classes_named("arm.sdf:floating"),
-            "scene = 'arm.sdf:floating': only the root of a robot in a .urdf can be set free",
-        ),
-        (
-            lambda: scene_classes_named("arm.SDF"),
-            "scene = 'arm.SDF' is an SDF, which is not read here, expected the same robot as a "
-            ".urdf, .xml or .mjcf",
+            lambda: scene_classes_named("arm.usd:floating"),
+            "scene = 'arm.usd:floating': only the root of a robot in a .urdf or .sdf can be set "
+            "free",
         ),
     ],
 )

@@ -12,6 +12,7 @@ from eomcheck.class_lookup import LookupKind, class_named
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import mjcf_kind
 from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.descriptions.sdf_reader import sdf_kind
 from eomcheck.descriptions.urdf_reader import FLOATING, urdf_kind
 from eomcheck.errors import InputError, UnknownNameError, distinct
 from eomcheck.mechanics.parameters import with_parameters
@@ -39,32 +40,44 @@ def _paper(links: int | None) -> Snake:
     return Snake.paper()
 
 
-URDF, MJCF = (".urdf",), (".xml", ".mjcf")
+URDF, MJCF, SDF = (".urdf",), (".xml", ".mjcf"), (".sdf",)
 """Ends of the names of robot files."""
 
-SDF = ".sdf"
-"""End of the names of robot files that are not read: PyPI's Pinocchio reads none either."""
+ROBOT_FILES = URDF + MJCF + SDF
 
 
 def _file_and_suffix(name: str) -> tuple[str, str | None]:
     """Return the file and the suffix behind a colon; None without a colon."""
     file, colon, suffix = name.rpartition(":")
-    return (file, suffix) if colon and file.lower().endswith(URDF + MJCF) else (name, None)
+    if colon and file.rpartition(":")[0].lower().endswith(SDF):  # a model and "floating"
+        file, _, model = file.rpartition(":")
+        suffix = f"{model}:{suffix}"
+    return (file, suffix) if colon and file.lower().endswith(ROBOT_FILES) else (name, None)
 
 
 def is_robot(name: str) -> bool:
     """Return whether a name is that of a robot file."""
-    return _file_and_suffix(name)[0].lower().endswith(URDF + MJCF)
+    return _file_and_suffix(name)[0].lower().endswith(ROBOT_FILES)
 
 
 def robot_named(name: str) -> type[Mechanism]:
-    """Return the scene class of a robot file; ":floating" frees the root of a URDF.
+    """Return the scene class of a robot file; ":floating" frees the root of a URDF or SDF.
+
+    Of an SDF with several models ":MODEL" is one of them, and ":MODEL:floating" frees its root.
 
     Raises:
-        InputError: see `from_urdf` and `from_mjcf`; or something else stands behind the colon.
+        InputError: see `from_urdf`, `from_mjcf` and `from_sdf`; or something else stands behind the
+            colon.
         EngineError: MuJoCo, which reads an MJCF, is not installed.
     """
     file, suffix = _file_and_suffix(name)
+    if file.lower().endswith(SDF):
+        model, colon, free = (suffix or "").rpartition(":")
+        floating = free == FLOATING
+        if colon and not floating:
+            raise InputError(f"scene = {name!r}, expected {file}:{model} or {file}:{FLOATING}")
+        model = model if floating else free
+        return sdf_kind(file, model=model or None, floating=floating)
     if file.lower().endswith(MJCF):
         if suffix is not None:
             raise InputError(f"scene = {name!r}: {file} says itself what is free")
@@ -87,7 +100,8 @@ def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
 
     Args:
         name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
-            file.xml or file.mjcf, or a name as in `eomcheck.class_lookup.class_named`.
+            file.xml, file.mjcf, file.sdf or file.sdf:MODEL, or a name as in
+            `eomcheck.class_lookup.class_named`.
 
     Classes of `RANDOM`, whose topology changes with every draw, are not included in "all".
 
@@ -109,10 +123,8 @@ def _looked_up(name: str) -> type[Scene]:
     if is_robot(name):
         return robot_named(name)
     if name.endswith(f":{FLOATING}"):
-        raise InputError(f"scene = {name!r}: only the root of a robot in a .urdf can be set free")
-    if name.lower().endswith(SDF):
-        wanted = "expected the same robot as a .urdf, .xml or .mjcf"
-        raise InputError(f"scene = {name!r} is an SDF, which is not read here, {wanted}")
+        files = "only the root of a robot in a .urdf or .sdf can be set free"
+        raise InputError(f"scene = {name!r}: {files}")
     return class_named(SCENE, name)
 
 

@@ -888,7 +888,10 @@ def test_a_free_base_is_asked_for_behind_a_colon(tmp_path: Path):
     ("name", "said"),
     [
         ("arm.urdf:free", "scene = 'arm.urdf:free', expected arm.urdf or arm.urdf:floating"),
-        ("snake", "robot = 'snake', expected robot.urdf, robot.urdf:floating or robot.xml"),
+        (
+            "snake",
+            "robot = 'snake', expected robot.urdf, robot.urdf:floating, robot.xml or robot.sdf",
+        ),
         ("snake:floating", "robot = 'snake:floating', expected robot.urdf, robot.urdf:"),
     ],
 )

@@ -78,6 +78,7 @@ def test_every_robot_file_of_a_package_is_read_or_refused_by_a_kind_of_reason(pa
         "distinct": "4",
         "part of other files": "1",
         "nothing moves": "1",
+        "several models": "",
         "no robot description": "1",
         "a file that it names is missing": "1",
         "not described here": "1",
@@ -120,6 +121,7 @@ def test_kinds_of_reasons_are_in_the_order_in_which_they_count(kind: str):
         "part of other files": "'a' is refused by MuJoCo: Unrecognized XML model type: "
         "'mujocoinclude'",
         "nothing moves": "'a.urdf': no joint of it moves: there are no coordinates",
+        "several models": "'a.sdf' has 2 models, name one of them: a.sdf:b, a.sdf:c",
         "no robot description": "'a.xml' holds <menu>, expected <mujoco>: no MJCF",
         "a file that it names is missing": "'a' is refused by MuJoCo: Error opening file 'b.stl'",
         "not described here": "'a.urdf' holds <x>, which is no part of a URDF known here",

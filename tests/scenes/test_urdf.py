@@ -6,6 +6,7 @@ import pickle
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.robots import arm, body, difference_from_pinocchio
 
@@ -16,6 +17,7 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.urdf_reader import urdf_kind
 from eomcheck.engines import PinocchioFile
 from eomcheck.errors import InputError
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named, scene_named
 from eomcheck.scenes import from_urdf
@@ -86,10 +88,8 @@ def test_what_is_left_out_is_said():
     assert said.count(".") == 1
 
 
-def test_dampers_and_friction_of_joints_with_several_coordinates_are_said_to_be_left_out(
-    tmp_path: Path,
-):
-    path, said = tmp_path / "damped.urdf", {}
+def test_a_damper_of_a_joint_with_several_coordinates_acts_on_all_its_velocities(tmp_path: Path):
+    path, read = tmp_path / "damped.urdf", {}
     for kind in ("planar", "floating", "spherical", "fixed", "revolute"):
         for damping in ("0.5", "0"):
             text = body("root") + body("link") + body("tip")
@@ -99,13 +99,16 @@ def test_dampers_and_friction_of_joints_with_several_coordinates_are_said_to_be_
                 '<joint name="k" type="revolute"><parent link="link"/><child link="tip"/></joint>'
             )
             path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
-            said[kind, damping] = from_urdf(path).source.ignored
-    friction = "friction of joints (1)"
-    dampers = f"Ignored: dampers of joints with several coordinates (1), {friction}."
-    for kind in ("planar", "floating", "spherical"):
-        assert said.pop((kind, "0.5")) == dampers
-    assert said.pop(("fixed", "0.5")) == said.pop(("fixed", "0")) == ""
-    assert {*said.values()} == {f"Ignored: {friction}."}
+            read[kind, damping] = scene = from_urdf(path)
+            friction = "" if kind == "fixed" else "Ignored: friction of joints (1)."
+            assert scene.source.ignored == friction
+            assert hasattr(scene, "damping") == (kind != "fixed" and damping == "0.5")
+    for kind, n in (("planar", 3), ("floating", 6), ("spherical", 3)):
+        v = np.append([0.3, -0.2, 0.5, 0.7, 0.1, -0.4][:n], 0.0)
+        # Where all angles are 0, their rates are the angular velocity.
+        states = (Evaluation(read[kind, x], np.zeros(n + 1), v) for x in ("0.5", "0"))
+        damped, undamped = (state.terms.Q for state in states)
+        assert v @ (damped - undamped) == pytest.approx(-0.5 * v @ v, rel=1e-14), kind
 
 
 def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
@@ -440,7 +443,7 @@ def test_a_free_root_is_asked_for_behind_a_colon_wherever_a_scene_is_named(tmp_p
     assert (
         scene.name != scene_named(str(file)).name
     )  # what is kept by name is not that of the other
-    with pytest.raises(InputError, match=r"only the root of a robot in a \.urdf can be set free"):
+    with pytest.raises(InputError, match=r"only the root of a robot in a \.urdf or \.sdf can be"):
         scene_named("snake:floating")
     with pytest.raises(InputError, match=r"expected .*arm.urdf or .*arm.urdf:floating"):
         scene_named(f"{file}:fixed")

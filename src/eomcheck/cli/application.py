@@ -247,7 +247,7 @@ ROOT = Path(__file__).parents[1]
 KEY_PATTERNS = {
     "scene": ("scenes", r'^    key = "([\w-]+)"'),
     "formulation": ("formulations", r'^    key="(\w+)",'),
-    "engine": ("engines", r'^    key = "(\w+?)(?:_file|_mjcf)?"$'),
+    "engine": ("engines", r'^    key = "(\w+?)(?:_file|_mjcf|_sdf)?"$'),
     "robot": ("", r'^    "(\w+)": lambda links'),
     "claim": ("claims", r'^(?:@(?:case_|tree_)?claim\(\s*|CLAIMS\[)"([\w-]+)"'),
 }

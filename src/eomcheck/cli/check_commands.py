@@ -644,7 +644,8 @@ def compare_command(
         str,
         typer.Argument(
             metavar="ROBOT",
-            help="Its description: robot.urdf, robot.urdf:floating with a free base, robot.xml.",
+            help="Its description: robot.urdf, robot.urdf:floating with a free base, robot.xml, "
+            "robot.sdf.",
         ),
     ],
     other: Annotated[
@@ -721,7 +722,7 @@ def compare_command(
 
     if not is_robot(robot):
         raise InputError(
-            f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
+            f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating, robot.xml or robot.sdf"
         )
     known = None if deviations is None else read_deviations(deviations)
     scene = scene_named(robot)

@@ -56,6 +56,12 @@ def massless_warning(links: Iterable[Link]) -> str:
     return f"Inertia without mass: {_named(names)}." if names else ""
 
 
+def default_warning(names: Iterable[str]) -> str:
+    """Return a sentence on links without numbers of their own; "" without any."""
+    names = [*names]
+    return f"Mass 1 kg or moments 1 kg m² by default: {_named(names)}." if names else ""
+
+
 # ---- Size ----------------------------------------------------------------------------------------
 
 LARGE, SMALL = 10.0, 1e-3

@@ -354,7 +354,9 @@ class MechanismSource(NamedTuple):
     file: str = ""
     """Path of its source file."""
     format: str = ""
-    """Format of that file: "urdf" or "mjcf"."""
+    """Format of that file: "urdf", "mjcf" or "sdf"."""
+    model: str = ""
+    """Name of the model that was chosen among those of that file."""
     floating: str = ""
     """Name of the link of the file that is free to move by request."""
     frames: tuple[NumberedFrame, ...] = ()
@@ -372,7 +374,7 @@ class MechanismSource(NamedTuple):
     def of_file(
         self, kind: str, path: Any, options: str, ignored: str, warnings: str = ""
     ) -> MechanismSource:
-        """Return the source of a scene that `from_urdf` or `from_mjcf` reads in a file."""
+        """Return the source of a scene that `from_urdf`, `from_mjcf` or `from_sdf` reads."""
         return self._replace(
             code=f"from_{kind}({str(path)!r}{options})",
             imports=f"from eomcheck.scenes import from_{kind}",

@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.calls import call, require_supervision
-from eomcheck.descriptions.build import mechanism_source
 from eomcheck.descriptions.doubtful_numbers import (
     axis_warning,
     body_warnings,
@@ -49,22 +48,23 @@ from eomcheck.descriptions.urdf_reader import (
     Unreadable,
     errors_naming,
     finite_number,
+    floating_pose,
     gravity_of,
     identifier,
     ignored_summary,
     number_attribute,
     path_of,
+    robot_class,
     root_of,
 )
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
     multiply_quaternions,
-    roll_pitch_yaw_of,
     rotation_matrix,
 )
 from eomcheck.errors import message_of, required
-from eomcheck.numbers.generic import FLOAT64, Array
+from eomcheck.numbers.generic import Array
 
 # ---- File ----------------------------------------------------------------------------------------
 
@@ -437,9 +437,6 @@ GROUND = "world"
 FREE_JOINT, BALL_JOINT, SLIDE, HINGE = range(4)
 """MuJoCo's numbers of joint types."""
 
-STEEPEST = 1.2
-"""Largest pitch of an initial pose, rad; a steeper one, near the singularity, is left at 0."""
-
 
 def read_mjcf(path: Path) -> Robot:
     """Return the contents of an MJCF file.
@@ -549,7 +546,9 @@ class _MjcfReader:
                 )
             rest = m.qpos_spring[index : index + count + 1]
             damping = 0.0 if self.off["damper"] else float(dampers[0])
-            self._start(name, m.qpos0[index : index + count + 1])
+            if kind == FREE_JOINT:  # a ball joint starts at 0
+                at = quaternion_of(m.qpos0[index + 3 : index + 7])
+                self.pose |= floating_pose(name, m.qpos0[index : index + 3], at)
             called = "floating" if kind == FREE_JOINT else "spherical"
             self.joints.append(
                 Joint(
@@ -594,16 +593,6 @@ class _MjcfReader:
                 armature=float(m.dof_armature[dof]) or None,
             )
         )
-
-    def _start(self, name: str, qpos: Array) -> None:
-        """Store the initial pose of a free joint; a ball joint starts at 0."""
-        if len(qpos) < 7:
-            return
-        self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", qpos, strict=False)}
-        turns = roll_pitch_yaw_of(rotation_matrix(quaternion_of(qpos[3:])))
-        if abs(turns[1]) <= STEEPEST:
-            names = "roll", "pitch", "yaw"
-            self.pose |= {f"{name}_{n}": float(x) for n, x in zip(names, turns, strict=True)}
 
 
 DISABLED = {
@@ -666,27 +655,6 @@ def mjcf_kind(
     changed = not isinstance(gravity, str)
     pulls = gravity_of(gravity) if changed else None
     robot = read_mjcf(file)
-    with errors_naming(path):
-        elements = robot.name, robot.links, robot.joints, robot.constraints
-        more = {"gravity": pulls if changed else robot.gravity, "pose": robot.pose}
-        source = mechanism_source(*elements, **more)
-        if robot.constraints:
-            dependent = _dependent_coordinates(source.scene_class()())
-            source = mechanism_source(*elements, **more, dependent=dependent)
-        source = source.with_frames_of(robot.bodies)
-        options = f", gravity={pulls!r}" if changed else ""
-        return source.of_file("mjcf", path, options, robot.ignored, robot.warnings).scene_class()
-
-
-def _dependent_coordinates(scene: Mechanism) -> list[str]:
-    """Return the names of dependent coordinates, as many as there are constraints."""
-    from scipy.linalg import qr
-
-    q = scene.initial_state()[0]
-    # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
-    q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
-    parameters = scene.float64_parameters
-    a, _ = scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)
-    factors: Any = qr(a, mode="r", pivoting=True)
-    order = factors[-1]
-    return [scene.coordinate_names[i] for i in order[: scene.r]]
+    robot = robot._replace(gravity=pulls if changed else robot.gravity)
+    options = f", gravity={pulls!r}" if changed else ""
+    return robot_class(robot, "mjcf", path, options)

@@ -1,6 +1,7 @@
 """Reader and writer of URDF files: the robot in a file as elements of a description, as a scene.
 
 The XML of a robot is untrusted input: of bounded size, no entity expanded, every number checked.
+`Robot` and the functions on XML, numbers and the scene class are those of all readers.
 The reader is independent, on the XML parser of the standard library, so that models that other
 libraries build from the same file can be compared with it. Contents of a file besides rigid bodies
 and ideal joints are left out, and named in one sentence; unknown elements are refused.
@@ -12,13 +13,15 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
+
+import numpy as np
 
 from eomcheck.atomic_write import check_regular
 from eomcheck.descriptions.build import mechanism_source
@@ -48,6 +51,7 @@ from eomcheck.descriptions.vector_algebra import (
 )
 from eomcheck.errors import InputError, did_you_mean
 from eomcheck.mechanics.scene import finite_array
+from eomcheck.numbers.generic import FLOAT64
 
 # ---- XML -----------------------------------------------------------------------------------------
 
@@ -71,6 +75,11 @@ class Format(NamedTuple):
     """Tags that its root may have."""
     deepest: int = DEEPEST
     """Largest depth of nested elements."""
+
+    @property
+    def article(self) -> str:
+        """Article before the name, which is read letter by letter."""
+        return "a" if self.name[0] in "UJ" else "an"
 
 
 URDF = Format("URDF", ("robot",))
@@ -207,6 +216,17 @@ def finite_number(value: str, name: str) -> float:
     return number
 
 
+def not_below_zero(number: float, name: str, where: str) -> float:
+    """Return a number.
+
+    Raises:
+        InputError: it is negative.
+    """
+    if number < 0:
+        raise Unreadable(f"{where}: {name} = {number:g}, expected a number not below 0")
+    return number
+
+
 def single_child(element: Element, tag: str, where: str) -> Element | None:
     """Return the only child with this tag; None without any."""
     children = element.findall(tag)
@@ -220,7 +240,11 @@ CHANGES_DYNAMICS = re.compile("loop|constraint|spring|bushing|tendon|mass|inerti
 
 
 def ignored_tags(
-    element: Element, allowed: frozenset[str], where: str, read: frozenset[str] = frozenset()
+    element: Element,
+    allowed: frozenset[str],
+    where: str,
+    read: frozenset[str] = frozenset(),
+    expected: Format = URDF,
 ) -> Iterator[str]:
     """Yield the tags of children, those that are read included: others are left out.
 
@@ -232,17 +256,20 @@ def ignored_tags(
         allowed: tags that are known, and those of other readers.
         where: place of the element, for messages.
         read: tags that are read.
+        expected: format of the file.
 
     Raises:
         InputError: an unknown one resembles one that is read, or may change the dynamics.
     """
     for child in element:
         name = local_name(child.tag)
-        if name not in allowed | read:
-            hint = did_you_mean(name, read)
-            if hint or CHANGES_DYNAMICS.search(name.lower()):
-                known = "which is no part of a URDF known here"
-                raise Unreadable(f"{where} holds <{name}>, {known}{hint}")
+        of_others = name in read and name != child.tag  # in a namespace of its own
+        if of_others or name not in allowed | read:
+            hint = "" if of_others else did_you_mean(name, read)
+            if of_others or hint or CHANGES_DYNAMICS.search(name.lower()):
+                known = f"which is no part of {expected.article} {expected.name} known here"
+                called = re.sub(r"^\{.*\}", "", child.tag) if of_others else name
+                raise Unreadable(f"{where} holds <{called}>, {known}{hint}")
         yield name
 
 
@@ -307,7 +334,7 @@ class Robot(NamedTuple):
     compiled: Any = None
     """MuJoCo's compiled model of an MJCF."""
     bodies: tuple[str, ...] = ()
-    """Names of the links that are bodies of an MJCF."""
+    """Names of the links that the file has, if joints needed more of them; frames are of these."""
 
     @property
     def coordinates(self) -> list[str]:
@@ -369,20 +396,43 @@ def _shapes(link: Element) -> LinkSize:
 
 def _reach(shape: Element) -> float | None:
     """Return the largest distance of a shape from the origin of its link, m; None of a mesh."""
+    kind = shape.find("geometry/*")
+    if kind is None:
+        return None
     try:
         center, _ = _origin(shape, "")
-        match shape.find("geometry/*"):
-            case Element(tag="box") as box:
-                half = math.hypot(*triple_attribute(box, "size", "", ORIGIN)) / 2
-            case Element(tag="sphere") as ball:
-                half = number_attribute(ball, "radius", "")
-            case Element(tag="cylinder" | "capsule") as rod:
-                radius, length = (number_attribute(rod, x, "") for x in ("radius", "length"))
-                half = math.hypot(radius, length / 2 + (radius if rod.tag == "capsule" else 0.0))
-            case _:
-                return None
+        return shape_reach(kind.tag, center, lambda name: kind.get(name, ""))
     except Unreadable:  # shapes are not read otherwise
         return None
+
+
+def shape_reach(kind: str, center: Triple, text: Callable[[str], str]) -> float | None:
+    """Return the largest distance of a shape from the origin of its link, m; None of a mesh.
+
+    Args:
+        kind: tag of its element.
+        center: its centre, m.
+        text: function of the name of a size that returns its text.
+
+    Raises:
+        InputError: a size is no number.
+    """
+
+    def sizes(*names: str) -> list[float]:
+        return [finite_number(part, "") for name in names for part in text(name).split()]
+
+    match kind:
+        case "box":
+            half = math.hypot(*sizes("size")) / 2
+        case "sphere":
+            half = math.hypot(*sizes("radius"))
+        case "ellipsoid":
+            half = max(sizes("radii"), default=0.0)
+        case "cylinder" | "capsule" | "cone":
+            radius, length = (math.hypot(*sizes(name)) for name in ("radius", "length"))
+            half = math.hypot(radius, length / 2 + (radius if kind == "capsule" else 0.0))
+        case _:
+            return None
     return math.hypot(*center) + half
 
 
@@ -401,7 +451,6 @@ def ignored_summary(counts: Counter[str]) -> str:
 
 _PLURAL = {
     "limit": "limits of joints",
-    "damping": "dampers of joints with several coordinates",
     "friction": "friction of joints",
     "transmission": "transmissions",
     "material": "materials",
@@ -471,12 +520,7 @@ def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
     mimic = single_child(element, "mimic", where)
     if dynamics is not None and kind != "fixed":
         damping = number_attribute(dynamics, "damping", where, 0.0)
-        if damping < 0:
-            raise Unreadable(f"{where}: damping = {damping:g}, expected a number not below 0")
-        if kind in ("revolute", "continuous", "prismatic"):
-            more["damping"] = damping or None
-        elif damping:
-            out["damping"] += 1
+        more["damping"] = not_below_zero(damping, "damping", where) or None
         if number_attribute(dynamics, "friction", where, 0.0):
             out["friction"] += 1
     if mimic is not None and kind != "fixed":
@@ -545,14 +589,66 @@ def urdf_kind(
         "" if gravity == (0.0, 0.0, -9.81) else f", gravity={gravity!r}"
     )
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
+    robot = robot._replace(links=links, joints=joints, gravity=gravity)
+    return robot_class(robot, "urdf", path, options, joints[0].name if floating else "")
+
+
+def robot_class(
+    robot: Robot, format: str, path: Any, options: str, floating: str = "", model: str = ""
+) -> type[Mechanism]:
+    """Return the scene class of a robot.
+
+    Args:
+        robot: contents of its file.
+        format: format of the file, the end of the name of the function that reads it.
+        path: the file, as it was named.
+        options: further arguments of this function as code, such as ", floating=True".
+        floating: name of the link that is free by request.
+        model: name of the model that was chosen among those of the file.
+
+    Raises:
+        InputError: the robot contradicts itself.
+    """
     name = f"{robot.name}_{FLOATING}" if floating else robot.name
     with errors_naming(path):
-        source = mechanism_source(name, links, joints, gravity=gravity)
-        return (
-            source.of_file("urdf", path, options, robot.ignored, robot.warnings)
-            ._replace(floating=joints[0].name if floating else "")
-            .scene_class()
-        )
+        elements = name, robot.links, robot.joints, robot.constraints
+        more: dict[str, Any] = {"gravity": robot.gravity, "pose": {**robot.pose}}
+        source = mechanism_source(*elements, **more)
+        if robot.constraints:
+            dependent = _dependent_coordinates(source.scene_class()())
+            source = mechanism_source(*elements, **more, dependent=dependent)
+        if robot.bodies:
+            source = source.with_frames_of(robot.bodies)
+        source = source.of_file(format, path, options, robot.ignored, robot.warnings)
+        return source._replace(floating=floating, model=model).scene_class()
+
+
+def _dependent_coordinates(scene: Mechanism) -> list[str]:
+    """Return the names of dependent coordinates, as many as there are constraints."""
+    from scipy.linalg import qr
+
+    q = scene.initial_state()[0]
+    # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
+    q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
+    parameters = scene.float64_parameters
+    a, _ = scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)
+    factors: Any = qr(a, mode="r", pivoting=True)
+    order = factors[-1]
+    return [scene.coordinate_names[i] for i in order[: scene.r]]
+
+
+STEEPEST = 1.2
+"""Largest pitch of an initial pose, rad; a steeper one, near the singularity, is left at 0."""
+
+
+def floating_pose(name: str, place: Iterable[float], turn: Quaternion) -> dict[str, float]:
+    """Return the coordinates of a floating joint in a pose, by name; see `Robot.pose`."""
+    pose = {f"{name}_{axis}": float(x) for axis, x in zip("xyz", place, strict=True)}
+    turns = roll_pitch_yaw_of(rotation_matrix(turn))
+    if abs(turns[1]) <= STEEPEST:
+        names = "roll", "pitch", "yaw"
+        pose |= {f"{name}_{n}": float(x) for n, x in zip(names, turns, strict=True)}
+    return pose
 
 
 def path_of(path: Any, what: str) -> Path:

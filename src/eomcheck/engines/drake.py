@@ -1,8 +1,9 @@
 """Drake: its `MultibodyPlant` in continuous time, which has no constraints.
 
-In a model read from a URDF, the base is welded to the world or free. Spatial vectors of Drake have
-the rotational part first; its spatial accelerations are classical. It has no regressor of bodies,
-no momentum matrix and no inverse of M by itself. Its derivatives are of the plant in `AutoDiffXd`.
+In a model read from a URDF or SDF, the base is welded to the world or free. Spatial vectors of
+Drake have the rotational part first; its spatial accelerations are classical. It has no regressor
+of bodies, no momentum matrix and no inverse of M by itself. Its derivatives are of the plant in
+`AutoDiffXd`.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines.engine import EngineAcceleration
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
 from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.errors import EngineError, required
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 
@@ -280,6 +283,12 @@ class DrakeEngine(TreeSolverEngine):
         return by_q, by_v, by_tau
 
 
+def _coordinates(joint: Any) -> list[str]:
+    """Return the names of the coordinates of a joint; the universal one of an SDF has two."""
+    name = joint.name()
+    return [name] if joint.num_velocities() == 1 else [f"{name}_axis", f"{name}_axis2"]
+
+
 def _linear_first(spatial: Any) -> Array:
     """Return a spatial vector of Drake (6,) with its translational part first."""
     return np.concatenate([spatial.translational(), spatial.rotational()])
@@ -304,12 +313,14 @@ class DrakeFile(FileEngine, DrakeEngine):
     def _read(self, library: Any, description: RobotDescription) -> None:
         self.plant = plant = library.MultibodyPlant(time_step=0.0)
         parser = required("pydrake.multibody.parsing").Parser(plant)
-        (robot,) = parser.AddModelsFromString(description.text, "urdf")
+        (robot,) = parser.AddModelsFromString(description.text, self.format)
         if self.base and description.root == "world":
             raise EngineError(f"{self.key} welds a link called world to the ground")
         if not self.base and description.root != "world":  # a link "world" Drake welds itself
-            base = plant.GetFrameByName(description.root, robot)
-            plant.WeldFrames(plant.world_frame(), base)
+            base = plant.GetBodyByName(description.root, robot)
+            # Of an SDF where the file places it; a URDF does not.
+            pose = plant.GetDefaultFloatingBaseBodyPose(base)
+            plant.WeldFrames(plant.world_frame(), base.body_frame(), pose)
         plant.Finalize()
         self._no_gravity = np.zeros(3)
         plant.mutable_gravity_field().set_gravity_vector(self._gravity)
@@ -317,8 +328,8 @@ class DrakeFile(FileEngine, DrakeEngine):
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(robot)]
         moving = sorted((x for x in joints if x.num_velocities()), key=lambda x: x.velocity_start())
         # Drake adds a joint of its own for a free base.
-        self._moving = [x for x in moving if x.num_velocities() == 1]
-        self._joints = [x.name() for x in self._moving]
+        self._moving = [x for x in moving if x.num_velocities() < 3]
+        self._joints = [name for x in self._moving for name in _coordinates(x)]
         names = [x.name for x in self.frames if plant.HasFrameNamed(x.name, robot)]
         self._seats = {name: plant.GetFrameByName(name, robot) for name in names}
         for body in plant.GetBodiesWeldedTo(plant.world_body()):
@@ -343,3 +354,23 @@ class DrakeFile(FileEngine, DrakeEngine):
         """Return ẍ (m,) by the articulated body algorithm."""
         self._move_to(q, v)
         return self._under(np.zeros(self._n))
+
+
+class DrakeSdf(DrakeFile):
+    """SDF read by `pydrake.multibody.parsing.Parser`, with one model, no springs and no loops."""
+
+    key = "drake_sdf"
+    format = "sdf"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether the scene is the only model of an SDF, without springs and loops.
+
+        Nested models are instances of their own in a plant.
+        """
+        return (
+            super().represents(scene)
+            and isinstance(scene, Mechanism)
+            and not (scene.source.model or scene.r or hasattr(scene, "stiffness"))
+            and not any("::" in frame.name for frame in scene.source.frames)
+        )

@@ -1,7 +1,7 @@
 """`FileEngine`: base class of engines whose library reads a robot description by its own parser.
 
 A `FileEngine` is a `TreeEngine` with a model that the library builds from the file, so that a
-comparison checks eomcheck's reader too. `RobotDescription` is the text of a URDF for such
+comparison checks eomcheck's reader too. `RobotDescription` is the text of a URDF or SDF for such
 libraries, with its irregularities. The output that a library writes to the terminal while it reads
 a file is captured, and reported where it explains a difference.
 
@@ -29,7 +29,8 @@ from eomcheck.descriptions.doubtful_numbers import has_impossible_inertia
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import GROUND
-from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
+from eomcheck.descriptions.sdf_reader import SDF, read_sdf
+from eomcheck.descriptions.urdf_reader import WORLD, Element, read_urdf, root_of
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, tree_inputs
 from eomcheck.errors import EngineError
@@ -221,12 +222,15 @@ def _flush() -> None:
 
 SHAPES = "visual", "collision"
 
+OF_GAZEBO = (*SHAPES, "sensor", "plugin", "include", "light", "actor", "state")
+"""Parts of an SDF that may name other files, or are outside of the model."""
+
 
 class RobotDescription(NamedTuple):
-    """URDF without shapes: mesh files are often missing, and no equation of motion needs them."""
+    """A file without shapes: mesh files are often missing, and no equation of motion needs them."""
 
     text: str
-    """URDF as XML."""
+    """URDF or SDF as XML."""
     root: str
     """Name of the link that no joint moves."""
     follows: dict[str, tuple[str, float, float]]
@@ -242,7 +246,7 @@ class RobotDescription(NamedTuple):
 
 
 NO_URDF = RobotDescription("", GROUND, {}, frozenset(), (), (), ())
-"""Description without what only URDFs have."""
+"""Description without what only URDFs and SDFs have."""
 
 
 def file_of(scene: Scene, format: str = "urdf") -> Path | None:
@@ -250,7 +254,7 @@ def file_of(scene: Scene, format: str = "urdf") -> Path | None:
 
     Args:
         scene: the robot.
-        format: "urdf" or "mjcf"; None is returned for a file of another format.
+        format: a key of `SUFFIXES`; None is returned for a file of another format.
     """
     if not (isinstance(scene, Mechanism) and scene.source.format == format and scene.as_described):
         return None
@@ -307,25 +311,41 @@ def is_free(scene: Scene) -> bool:
     return isinstance(scene, Mechanism) and bool(scene.source.floating)
 
 
-def read_description(path: Path) -> RobotDescription:
-    """Read a URDF.
+def read_description(path: Path, format: str = "urdf", floating: bool = False) -> RobotDescription:
+    """Read a URDF or an SDF.
+
+    Args:
+        path: the file.
+        format: "urdf" or "sdf".
+        floating: whether the root is free, which an SDF without joints needs.
 
     Raises:
-        InputError: see `eomcheck.scenes.from_urdf`.
+        InputError: see `eomcheck.scenes.from_urdf` and `from_sdf`.
     """
-    robot, xml = read_urdf(path), root_of(path)
-    for link in xml.findall("link"):
-        for shape in [x for kind in SHAPES for x in link.findall(kind)]:
-            link.remove(shape)
-    children = {joint.child for joint in robot.joints}
+    if format == "urdf":
+        robot, xml, parts = read_urdf(path), root_of(path), SHAPES
+        children = {joint.child for joint in robot.joints}
+        root = next(link.name for link in robot.links if link.name not in children)
+        names, follows = {link.name for link in robot.links}, dict(_mimics(xml))
+    else:
+        robot, xml, parts = read_sdf(path, floating=floating), root_of(path, SDF), OF_GAZEBO
+        joints, names = list(xml.iter("joint")), {*robot.bodies}
+        ends = [{x.findtext(tag, "").strip() for x in joints} for tag in ("parent", "child")]
+        children, follows = ends[1], dict(_sdf_mimics(joints))
+        held = WORLD in ends[0]
+        root = WORLD if held else next(x for x in robot.bodies if x not in children)
+    for element in [*xml.iter()]:
+        for part in [x for kind in parts for x in element.findall(kind)]:
+            element.remove(part)
+    links = [link for link in robot.links if link.name in names]
     return RobotDescription(
         ElementTree.tostring(xml, encoding="unicode"),
-        next(link.name for link in robot.links if link.name not in children),
-        dict(_mimics(xml)),
+        root,
+        follows,
         frozenset(joint.name for joint in robot.joints if _damped(joint)),
-        tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
-        tuple(link.name for link in robot.links if link.name in children and not _heavy(link)),
-        tuple(link.name for link in robot.links if has_impossible_inertia(link)),
+        tuple(link.name for link in links if link.mass == 0 and any(link.moments)),
+        tuple(link.name for link in links if link.name in children and not _heavy(link)),
+        tuple(link.name for link in links if has_impossible_inertia(link)),
     )
 
 
@@ -339,6 +359,16 @@ def _mimics(xml: Element) -> Iterator[tuple[str, tuple[str, float, float]]]:
         if mimic is not None and joint.get("type") != "fixed":
             ratio, shift = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
             yield joint.get("name", ""), (mimic.get("joint", ""), ratio, shift)
+
+
+def _sdf_mimics(joints: Iterable[Element]) -> Iterator[tuple[str, tuple[str, float, float]]]:
+    """Yield the joints of an SDF with one axis that follow others, as `_mimics` does."""
+    for joint in joints:
+        mimic = joint.find("axis/mimic")
+        if mimic is not None and joint.get("type") in ("revolute", "continuous", "prismatic"):
+            defaults = {"multiplier": 1.0, "offset": 0.0, "reference": 0.0}
+            ratio, shift, at = (float(mimic.findtext(x) or y) for x, y in defaults.items())
+            yield joint.get("name", ""), (mimic.get("joint", ""), ratio, shift - ratio * at)
 
 
 def _damped(joint: Joint) -> bool:
@@ -440,7 +470,7 @@ class FileEngine(TreeEngine):
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a robot with the parameters of a file of this format.
 
-        A URDF with joints of several coordinates only where the adapter maps them (`compounds`).
+        One with joints of several coordinates only where the adapter maps them (`compounds`).
         """
         if not isinstance(scene, Mechanism) or file_of(scene, cls.format) is None:
             return False
@@ -460,7 +490,9 @@ class FileEngine(TreeEngine):
 
     def _described(self) -> RobotDescription:
         """Return the description of the robot in its file; `NO_URDF` of an MJCF."""
-        return NO_URDF if self.format == "mjcf" else read_description(self.file)
+        if self.format == "mjcf":
+            return NO_URDF
+        return read_description(self.file, self.format, self.inputs.floating)
 
     @abstractmethod
     def _read(self, library: Any, description: RobotDescription) -> None:

@@ -164,7 +164,7 @@ def _body_of_chain(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
 UNSTATED = "0"
 """Oldest version of a library where an adapter states none."""
 
-SUFFIXES = {"urdf": "_file", "mjcf": "_mjcf"}
+SUFFIXES = {"urdf": "_file", "mjcf": "_mjcf", "sdf": "_sdf"}
 """Format of a file -> suffix of the key of an engine that reads such files."""
 
 

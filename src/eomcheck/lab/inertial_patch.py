@@ -46,6 +46,9 @@ def inertial_patch(first: Scene, second: Scene, comparison: RobotComparison) -> 
     """
     file, robot = file_and_robot(second)
     if file is None or robot is None:
+        of_format = getattr(getattr(second, "source", None), "format", "").upper()
+        if of_format:
+            raise InputError(f"the file of {second.name} is an {of_format}, and is not patched")
         raise InputError(f"{second.name} has no file to patch")
     differ = {x.where for x in comparison.differences if x.what in BODY}
     pairs = [pair for pair in body_pairs(first, second, comparison) if pair.name in differ]

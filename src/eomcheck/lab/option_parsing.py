@@ -13,12 +13,13 @@ T = TypeVar("T")
 MOST_LINKS = 100_000
 
 SCENE_HELP = (
-    "Kind of scene, all of them, ROBOT.urdf (:floating with a free base), ROBOT.xml, or your own: "
+    "Kind of scene, all of them, ROBOT.urdf or .sdf (:floating with a free base), ROBOT.xml, or "
+    "your own: "
     "FILE.py:CLASS."
 )
 ONE_HELP = (
-    "Scene: its key, ROBOT.urdf (:floating with a free base), ROBOT.xml, your own, FILE.py:CLASS, "
-    "or a snake: paper (the paper's robot), coil, pattern."
+    "Scene: its key, ROBOT.urdf or .sdf (:floating with a free base), ROBOT.xml, your own, "
+    "FILE.py:CLASS, or a snake: paper (the paper's robot), coil, pattern."
 )
 SET_HELP = (
     "Parameter that is other than usual, NAME=VALUE, NAME=1,0.5 or NAME=none; repeat for more."

@@ -22,6 +22,7 @@ from eomcheck.claims.confusions import agreement_within, scaling
 from eomcheck.descriptions.doubtful_numbers import FEWEST_DIGITS
 from eomcheck.descriptions.joint_tree import RigidBody, point_inertia
 from eomcheck.descriptions.mjcf_reader import MJCF, included_files
+from eomcheck.descriptions.sdf_reader import SDF
 from eomcheck.descriptions.urdf_reader import URDF, Element, root_of
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.draws.pairwise_design import state_cases
@@ -46,14 +47,17 @@ ALIGNED = 0.9
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
-INERTIAL = {"xyz": "center", "pos": "center", "mass": "mass"}
-"""Attribute of an inertial -> sort of its numbers; the others are those of its inertia."""
+FORMATS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF}
+
+INERTIAL = {"xyz": "center", "pos": "center", "pose": "center", "mass": "mass"}
+"""Attribute of an inertial, of SDF element -> sort of its numbers; others are of its inertia."""
 
 PLACEMENT = frozenset(
     {
         "xyz",
         "rpy",
         "pos",
+        "pose",
         "quat",
         "euler",
         "axisangle",
@@ -65,7 +69,10 @@ PLACEMENT = frozenset(
         "fromto",
     }
 )
-"""Attributes of other elements that place something."""
+"""Attributes of other elements, of SDF elements, that place something."""
+
+NAMES = frozenset({"name", "class", "file", "filename", "uri", "version"})
+"""Attributes and elements without numbers of the robot."""
 
 
 class RobotDifference(NamedTuple):
@@ -206,9 +213,9 @@ class _Side:
         if self.file is None or not self.file.is_file():
             return dict.fromkeys(SORTS, EPS)
         texts: dict[str, list[str]] = {sort: [] for sort in SORTS}
-        is_mjcf = self.file.suffix != ".urdf"
-        for path in included_files(self.file) if is_mjcf else [self.file]:
-            for sort, text in _sorted_texts(root_of(path, MJCF if is_mjcf else URDF)):
+        expected = FORMATS[self.scene.source.format]  # type: ignore[attr-defined]
+        for path in included_files(self.file) if expected is MJCF else [self.file]:
+            for sort, text in _sorted_texts(root_of(path, expected)):
                 texts[sort] += NUMBERS.findall(text)
         digits = {x: digits_of(y).significant if y else 0 for x, y in texts.items()}
         return {x: max(EPS, 0.5 * 10.0 ** (1 - max(FEWEST_DIGITS, y))) for x, y in digits.items()}
@@ -261,12 +268,13 @@ SORTS = "mass", "center", "inertia", "placement", "coefficient"
 def _sorted_texts(element: Element, within: str = "") -> Iterator[tuple[str, str]]:
     """Yield the numbers of a file as texts, each with its sort."""
     inertial = "inertial" in (element.tag, within)
-    for name, text in element.attrib.items():
+    texts = {**element.attrib, element.tag: element.text or ""}
+    for name, text in texts.items():
         if inertial:
             sort = "mass" if element.tag == "mass" else INERTIAL.get(name, "inertia")
         else:
             sort = "placement" if name in PLACEMENT else "coefficient"
-        if name not in ("name", "class", "file", "filename"):
+        if name not in NAMES:
             yield sort, text
     for child in element:
         yield from _sorted_texts(child, "inertial" if inertial else "")
@@ -435,12 +443,15 @@ def _differences(
             kinds = {"p": "a slide", "r": "a hinge"}
             texts = [kinds[side.tree.joint[i][0]] for side, i in ((first, j), (second, k))]
             yield RobotDifference(where, "kind", f"{texts[0]}, {texts[1]}", 1.0)
-        yield from _axis_differences(first, second, j, k, where, pair.before, reach, near.placement)
+        axes = [*_axis_differences(first, second, j, k, where, pair.before, reach, near.placement)]
+        yield from axes
         for difference in pair.explained:
             yield RobotDifference(where, *difference)
         yield from _coefficients(first, second, j, k, where, near.coefficient)
         yield from _spring_difference(first, second, j, k, where, near.placement)
-        yield from _mimic_difference(first, second, j, k, where, matched, near.coefficient)
+        # About the opposite axis by the opposite ratio it is the same motion of the leader.
+        signed = any(one.what == "axis" for one in axes)
+        yield from _mimic_difference(first, second, j, k, where, matched, near.coefficient, signed)
         yield from _body_differences(first, second, j, k, pair.placement, reach, near)
     yield from _gravity_difference(first, second, near.coefficient)
 
@@ -705,8 +716,9 @@ def _mimic_difference(
     where: str,
     matched: Mapping[str, str],
     near: float,
+    signed: bool,
 ) -> Iterator[RobotDifference]:
-    """Yield the difference between the joints that two joints follow."""
+    """Yield the difference between the joints that two joints follow, and in the ratios."""
     rows = []
     for side, i in (first, j), (second, k):
         row = side.tree.coordinates[i]
@@ -719,6 +731,8 @@ def _mimic_difference(
         yield RobotDifference(where, "mimic", f"{texts[0]}; {texts[1]}", 1.0)
     elif leader and matched.get(leader, other) != other:
         yield RobotDifference(where, "mimic", f"follows {leader}; follows {other}", 1.0)
+    elif leader and not signed and abs(ratio + other_ratio) <= near * abs(ratio):
+        return
     elif abs(ratio - other_ratio) > near * max(abs(ratio), abs(other_ratio)) and leader:
         yield RobotDifference(where, "mimic", f"ratio {_both(ratio, other_ratio)}", 1.0)
 

@@ -10,6 +10,7 @@ the check of a state takes 1.1 and 1.5 times as long. Descriptions are tested ag
 from __future__ import annotations
 
 from eomcheck.descriptions.mjcf_reader import from_mjcf
+from eomcheck.descriptions.sdf_reader import from_sdf
 from eomcheck.descriptions.urdf_reader import from_urdf
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.andrews import Andrews
@@ -53,5 +54,6 @@ __all__ = [
     "Snake",
     "TurntableBall",
     "from_mjcf",
+    "from_sdf",
     "from_urdf",
 ]

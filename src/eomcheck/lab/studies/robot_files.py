@@ -1,9 +1,9 @@
 """Robot files of installed packages: those that can be read, and why others cannot.
 
-A cell is one file of a package from PyPI whose name ends as a URDF or MJCF does. Packages are found
-by their metadata and never imported. A file that our readers read is counted once for all files
-with the same bodies and joints; a file that they refuse is counted by the kind of the reason. A
-URDF of a body without joints is read with this body set free.
+A cell is one file of a package from PyPI whose name ends as a URDF, MJCF or SDF does. Packages are
+found by their metadata and never imported. A file that our readers read is counted once for all
+files with the same bodies and joints; a file that they refuse is counted by the kind of the reason.
+A URDF or SDF of a body without joints is read with this body set free.
 """
 
 from __future__ import annotations
@@ -48,18 +48,23 @@ PACKAGES = (
 
 REASONS: dict[str, str] = {
     "part of other files": r"mujocoinclude",
-    "nothing moves": r"no joint of it moves|has no joint|nothing that moves has inertia"
-    r"|moves nothing that has inertia|without anything that has inertia|has no link$",
+    "nothing moves": r"no joint of it moves|has no joint|is static: nothing"
+    r"|nothing that moves has inertia|moves nothing that has inertia"
+    r"|without anything that has inertia|has no link$",
+    "several models": r"has \d+ models",
     "no robot description": r"is no XML|declares a document type|^\S+ holds <[^>]+>, expected"
     r"|template for xacro",
     "a file that it names is missing": r"Error opening file|cannot be read: No such file",
     "not described here": r"not understood here|a deformable body|<composite>"
-    r"|of a tendon in space|is of the kind|not linear|no part of a URDF known here|more than"
-    r"|at most|of the plugin",
+    r"|of a tendon in space|is of the kind|not linear|no part of an? [A-Z]+ known here|more than"
+    r"|at most|of the plugin|closes a loop at|has the type '(gearbox|piston)'",
     "refused by MuJoCo": r"is refused by MuJoCo|gave no answer|ended",
     "invalid number or element": r"",
 }
 """Kind of reason -> pattern of its sentences; the first that fits counts."""
+
+FREED = ".urdf", ".sdf"
+"""Ends of the names of files whose only body is set free."""
 
 STILL, OURS = "nothing moves", "not described here"
 """Kinds of reasons: of files with bodies alone, and of files without a fault of their own."""
@@ -114,7 +119,7 @@ def _read(settings: Settings) -> Record:
 
 
 def _scene_of(path: Path) -> Mechanism:
-    """Return the robot in a file; a URDF in which nothing moves is set free.
+    """Return the robot in a file; a URDF or SDF in which nothing moves is set free.
 
     Raises:
         InputError: it cannot be read.
@@ -122,7 +127,8 @@ def _scene_of(path: Path) -> Mechanism:
     try:
         return robot_named(str(path))()
     except InputError as refusal:
-        if path.suffix != ".urdf" or kind_of_reason(str(refusal)) != STILL:
+        static = "is static" in str(refusal)
+        if path.suffix not in FREED or static or kind_of_reason(str(refusal)) != STILL:
             raise
         return robot_named(f"{path}:{FLOATING}")()
 
@@ -169,15 +175,16 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     share = f"{100.0 * ours / len(robots):.1f} %" if robots else "-"
     note = (
         f"Refused without a fault of their own, which is 'not described here': {ours} of "
-        f"{len(robots)} robot files, {share}. Files that are part of others, hold no robot or "
-        "nothing that moves are no robot files. Bodies without joints are set free."
+        f"{len(robots)} robot files, {share}. Files that are part of others, hold no robot, "
+        "several or nothing that moves are no robot files. Bodies without joints are set free."
     )
     yield ResultTable("robot-files", title, ("package", *count), rows, note=note)
 
 
 def is_of_robot(reason: str) -> bool:
     """Return whether a file that is refused with a reason should hold a robot."""
-    return kind_of_reason(reason) not in (STILL, "part of other files", "no robot description")
+    others = STILL, "part of other files", "several models", "no robot description"
+    return kind_of_reason(reason) not in others
 
 
 def remarks(records: Sequence[Record]) -> Iterator[str]:
