@@ -599,3 +599,27 @@ def test_a_motion_stays_in_its_picture_and_leaves_its_trail_in_every_frame(tmp_p
             picture.seek(k)
             durations.append(picture.info["duration"])
     assert durations == [80, 80, 1200]
+
+
+def test_the_ground_of_a_motion_reaches_beyond_its_traced_points():
+    """One disk that rolls far from the patch that its still picture shows."""
+    patch = s.Plane([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
+    sketches = [
+        s.Sketch((patch, s.Disk((x, 0.5, 0.5), (0.0, 1.0, 0.0), 0.5), s.Trail((x, -x, 0.0))))
+        for x in (0.0, 9.0)
+    ]
+    first, last = pictures.on_wide_ground(sketches)
+    assert first.parts[1:] == sketches[0].parts[1:] and last.parts[1:] == sketches[1].parts[1:]
+    beside = 0.5 * pictures.BESIDE_TRAILS
+    corners = np.array(first.parts[0].points)
+    np.testing.assert_allclose(corners.min(axis=0), [-beside, -9.0 - beside, 0.0])
+    np.testing.assert_allclose(corners.max(axis=0), [9.0 + beside, beside, 0.0])
+    assert last.parts[0] is first.parts[0]
+    for missing in (s.Plane, s.Trail):
+        without = [
+            x._replace(parts=tuple(y for y in x.parts if not isinstance(y, missing)))
+            for x in sketches
+        ]
+        assert pictures.on_wide_ground(without) == without
+    shown = pictures.Drawing(first, pictures.LIGHT)
+    assert s.Plane in shown.drawn

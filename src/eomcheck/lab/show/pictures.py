@@ -454,11 +454,31 @@ def scene_figure(
 # ---- Motions -------------------------------------------------------------------------------------
 
 
+BESIDE_TRAILS = 1.3
+"""Width of the ground beside traced points, in radii of the largest disk on it."""
+
+
+def on_wide_ground(sketches: Sequence[s.Sketch]) -> list[s.Sketch]:
+    """Return sketches of a motion whose ground reaches beyond all traced points, if it has one."""
+    parts = [part for sketch in sketches for part in sketch.parts]
+    trails = [part.at for part in parts if isinstance(part, s.Trail)]
+    if not trails or not any(isinstance(part, s.Plane) for part in parts):
+        return [*sketches]
+    beside = BESIDE_TRAILS * max(x.radius for x in parts if isinstance(x, s.Disk))
+    (west, south, _), (east, north, _) = np.min(trails, 0) - beside, np.max(trails, 0) + beside
+    corners = (west, south), (east, south), (east, north), (west, north)
+    ground = s.Plane([np.array([x, y, 0.0]) for x, y in corners])
+    return [
+        x._replace(parts=tuple(ground if isinstance(y, s.Plane) else y for y in x.parts))
+        for x in sketches
+    ]
+
+
 def draw_motion(
     sketches: Sequence[s.Sketch], times: Sequence[float], path: Path, every: int
 ) -> None:
     """Draw a motion into a GIF: one frame per `every` sketches, with the paths of traced points."""
-    drawings = [Drawing(sketch, LIGHT) for sketch in sketches]
+    drawings = [Drawing(sketch, LIGHT) for sketch in on_wide_ground(sketches)]
     bounds = np.array([d.bounds for d in drawings])
     extent = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
     frames: list[Any] = []

@@ -137,7 +137,7 @@ SENSE = 0.7
 """Arc drawn for an angle too small to be visible, to show its sense, rad."""
 SMALL = 0.15
 """Angles below this are too small to be visible, rad."""
-NAMED_ONLY = s.Plane, s.Angle, s.Distance, s.Arrow
+NAMED_ONLY = s.Angle, s.Distance, s.Arrow
 """Parts that are drawn only beside names."""
 
 
