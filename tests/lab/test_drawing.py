@@ -267,9 +267,9 @@ def test_ground_lies_below_disks_springs_bodies_wheels_and_measures():
     ground = made.strokes[0]
     assert ground.points.tolist() == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
     assert (ground.color, ground.fill) == (LIGHT.faint, LIGHT.faint)
-    # What moves alone is drawn without names and measures.
+    # Without names no measures are drawn.
     bare = Drawing(s.Sketch((*parts, s.Center(zero, "S")), 0.0, 0.0), LIGHT)
-    assert [one.width for one in bare.strokes] == [2.5, 1.5, 3.0, 7.0]
+    assert [one.width for one in bare.strokes] == [0.6, 2.5, 1.5, 3.0, 7.0]
     assert (bare.labels, bare.dots, bare.kinds) == ([], [], {"constraint"})
 
 

@@ -151,8 +151,8 @@ class Drawing:
         coordinates: Collection[str] | None = None,
         view: View | None = None,
     ):
-        """Collect the strokes; without names of `coordinates`, no labels and only the parts that
-        move. The `view` is by default that of the sketch, onto a page.
+        """Collect the strokes; without names of `coordinates`, no labels, measures and arrows. The
+        `view` is by default that of the sketch, onto a page.
         """
         self.see = View(sketch) if view is None else view
         self.colors, self.named = colors, coordinates is not None
