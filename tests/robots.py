@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from eomcheck.engines import PinocchioFile
 from eomcheck.engines.answers import Answers
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import from_mjcf
 
 LINK = """
 <link name="{name}"><inertial><origin xyz="{at}" rpy="{turn}"/><mass value="{mass}"/>
@@ -69,6 +71,44 @@ def body(name: str, **numbers: float) -> str:
     """Return a link."""
     usual = {"mass": 0.5, "xx": 0.1, "yy": 0.12, "zz": 0.14}
     return LINK.format(name=name, at="0.1 0 0", turn="0 0 0", **(usual | numbers))
+
+
+def hinges(path: Path, **changes: str) -> Path:
+    """Write the arm with a hinge in place of its slide, a base with mass and a link on its hand.
+
+    Args:
+        path: the file.
+        **changes: those of `arm`.
+    """
+    more = body("tip") + joint("grip", "hand", "tip", "fixed", "1 0 0")
+    text = arm(path, more=more, **changes).read_text(encoding="utf-8")
+    base = '<link name="base"><inertial><origin xyz="0.1 0 0.2" rpy="0.4 -0.3 0.2"/>'
+    base += '<mass value="3"/><inertia ixx="0.2" iyy="0.3" izz="0.4" ixy="0" ixz="0" iyz="0"/>'
+    text = text.replace("prismatic", "revolute")
+    path.write_text(text.replace('<link name="base"/>', f"{base}</inertial></link>"))
+    return path
+
+
+TILTED = """<mujoco><option gravity="1 2 -9"/><worldbody>
+  <body name="upper" pos=".1 .2 .3" euler="20 30 40"><joint name="turn" axis="0 1 0" armature=".3"/>
+    <geom type="box" size=".1 .2 .3" mass="2" pos=".05 0 .1"/>
+    <body name="fore" pos="0 .1 .4"><joint name="slide" type="slide" axis="1 2 2" armature=".2"/>
+      <geom type="box" size=".02 .03 .5" mass="1" pos="0 .2 .4"/>
+      <body name="hand" pos=".1 0 .2" euler="10 -20 0">
+        <geom type="box" size=".1 .2 .1" mass=".5" pos="0 0 .2"/></body></body></body>
+  </worldbody></mujoco>"""
+
+
+def tilted(path: Path, *, rotors: bool = False) -> Scene:
+    """Return a hinge, a slide and a link that is fixed, all tilted, and gravity along no axis.
+
+    Args:
+        path: file that is written.
+        rotors: whether the joints have armature.
+    """
+    text = TILTED if rotors else re.sub(' armature="[^"]*"', "", TILTED)
+    path.write_text(text, encoding="utf-8")
+    return from_mjcf(path)
 
 
 def difference_from_pinocchio(scene: Scene, states: int) -> float:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.engines.own_findings import failed, own_findings, passed
-from tests.robots import arm
+from tests.robots import arm, hinges
 
 from eomcheck.engines.adam import (
     Adam64Engine,
@@ -46,13 +46,12 @@ def test_every_quantity_that_it_offers_is_right(kind):
     assert passed(own) == OFFERED
 
 
-def hinges(path: Path) -> Path:
-    """Write the arm with a hinge in place of its slide, and a base with mass."""
-    text = arm(path).read_text(encoding="utf-8").replace("prismatic", "revolute")
-    base = '<link name="base"><inertial><origin xyz="0.1 0 0.2" rpy="0.4 -0.3 0.2"/>'
-    base += '<mass value="3"/><inertia ixx="0.2" iyy="0.3" izz="0.4" ixy="0" ixz="0" iyz="0"/>'
-    path.write_text(text.replace('<link name="base"/>', f"{base}</inertial></link>"))
-    return path
+def test_frames_off_their_joints_and_gravity_of_a_tree_are_right(tmp_path: Path):
+    scene = from_urdf(hinges(tmp_path / "arm.urdf"), gravity=(1.0, -2.0, -9.0))
+    own = own_findings(AdamNumpyEngine, scene, OFFERED)
+    assert failed(own) == []
+    assert passed(own) == OFFERED
+    assert any("tip" in x.subject for x in own)
 
 
 @pytest.mark.parametrize("floating", [False, True])

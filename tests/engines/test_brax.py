@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from tests.engines.own_findings import failed, own_findings, passed
+from tests.engines.own_findings import failed, own_findings, passed, verdicts
+from tests.robots import hinges
 
 from eomcheck.descriptions import mjcf_reader
-from eomcheck.engines.brax import Brax64Engine, Brax64Mjcf, BraxEngine
-from eomcheck.scenes import ChainPendulum
+from eomcheck.engines.brax import Brax64Engine, Brax64File, Brax64Mjcf, BraxEngine
+from eomcheck.scenes import ChainPendulum, from_urdf
 
 pytest.importorskip("brax")
 
@@ -42,6 +43,12 @@ def test_a_free_base_and_joints_that_brax_moves_to_the_end_are_mapped(tmp_path):
     own = own_findings(Brax64Mjcf, scene, claims)
     assert failed(own) == []
     assert {x.verdict for x in own} == {"passed"}
+
+
+def test_dampers_of_a_file_are_in_forces_and_accelerations_and_nowhere_else(tmp_path):
+    scene = from_urdf(hinges(tmp_path / "arm.urdf", damping="3"))
+    terms = "generalized-forces", "engine-acceleration", "engine-gravity", "engine-forward-dynamics"
+    assert verdicts(Brax64File, scene, terms) == dict.fromkeys(terms, "passed")
 
 
 SLIDE = """<mujoco><worldbody><body><joint axis="0 0 1"/><geom size="0.1" mass="1"/>

@@ -11,7 +11,9 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +71,7 @@ BLOCKED = (
 BLOCKING = f"""
 import importlib.abc
 import sys
+import threading
 class Blocked(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in {BLOCKED}:
@@ -315,6 +318,7 @@ def test_a_comparison_with_a_library_that_dies_is_complete():
 
 ORPHAN = """
 import os, sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from eomcheck.engines import isolation
 from eomcheck.scenes import ChainPendulum
@@ -473,6 +477,25 @@ def test_an_environment_is_made_once_and_again_if_it_was_not_finished(tmp_path, 
     assert made == ["library==1.0"] * 2 and python[0] == python[1]
     assert environments.python_with("library==1.1") != python[0]
     assert python[0].is_relative_to(tmp_path)
+
+
+def test_another_library_is_installed_meanwhile_and_the_same_one_waits(tmp_path, monkeypatch):
+    monkeypatch.setenv(environments.CACHE, str(tmp_path))
+    made, second = [], threading.Event()
+
+    def install(requirement: str, folder: Path, executable: Path) -> None:
+        made.append(requirement)
+        folder.mkdir()
+        if requirement == "first==1.0":
+            assert second.wait(20.0)
+
+    monkeypatch.setattr(environments, "_install", install)
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(environments.python_with, "first==1.0") for _ in range(2)]
+        environments.python_with("second==1.0")
+        second.set()
+        python = {one.result() for one in waiting}
+    assert sorted(made) == ["first==1.0", "second==1.0"] and len(python) == 1
 
 
 @pytest.mark.parametrize("uv", [None, "uv"])

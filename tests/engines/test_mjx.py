@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.engines.own_findings import failed, own_findings, passed, verdicts
-from tests.robots import arm
+from tests.robots import arm, tilted
 
 from eomcheck.engines.mjx import Mjx64Engine, Mjx64File, MjxEngine, MjxFile
 from eomcheck.scenes import ChainPendulum, from_urdf
@@ -27,3 +27,17 @@ def test_dampers_of_a_file_are_in_forces_and_accelerations_and_nowhere_else(kind
     scene = from_urdf(arm(tmp_path / "arm.urdf", damping="3"))
     terms = "generalized-forces", "engine-acceleration", "engine-gravity", "engine-forward-dynamics"
     assert verdicts(kind, scene, terms) == dict.fromkeys(terms, "passed")
+
+
+def test_a_tree_has_the_gravity_and_the_frames_that_it_is_given(tmp_path: Path):
+    scene = tilted(tmp_path / "tilted.xml")
+    own = own_findings(Mjx64Engine, scene)
+    assert failed(own) == []
+    assert passed(own) >= {
+        "mass-matrix",
+        "bias",
+        "engine-gravity",
+        "engine-inverse-dynamics",
+        "engine-frame-placement",
+    }
+    assert any("hand" in x.subject for x in own)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.engines.own_findings import verdicts
-from tests.robots import arm
+from tests.engines.own_findings import failed, own_findings, passed, verdicts
+from tests.robots import arm, tilted
 
 from eomcheck.engines.newton import NewtonEngine, NewtonFile, NewtonMjcf
 from eomcheck.mechanics.scene import Scene
@@ -79,3 +79,11 @@ def test_a_tree_has_the_moments_of_inertia_that_it_is_given():
     scene = ChainPendulum([1e-3, 1e-3], [0.1, 0.1], [1e-11] * 2)
     found = verdicts(NewtonEngine, scene, ["mass-matrix", "bias"])
     assert found == {"mass-matrix": "passed", "bias": "passed"}
+
+
+def test_a_tree_has_the_gravity_and_the_rotors_that_it_is_given(tmp_path: Path):
+    scene = tilted(tmp_path / "tilted.xml", rotors=True)
+    own = own_findings(NewtonEngine, scene)
+    assert failed(own) == []
+    assert passed(own) >= {"mass-matrix", "bias", "engine-gravity", "engine-inverse-dynamics"}
+    assert any("hand" in x.subject for x in own)

@@ -52,8 +52,10 @@ def python_with(requirement: str) -> Path:
     if (folder / READY).exists():
         return executable
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with locked(folder), activity(f"installing {requirement}"):
+        # A lock of its own: another library may be installed meanwhile.
+        lock = folder.with_name(f".{folder.name}")
+        lock.mkdir(parents=True, exist_ok=True)
+        with locked(lock / READY), activity(f"installing {requirement}"):
             if not (folder / READY).exists():
                 shutil.rmtree(folder, ignore_errors=True)
                 _install(requirement, folder, executable)
