@@ -920,3 +920,25 @@ def test_what_was_found_is_written_and_printed_of_a_library_that_gave_no_answer(
     printed = capsys.readouterr().out
     assert "not installed" in printed and "no answer" not in printed
     assert "other was left out: cannot" in printed
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdicts"),
+    [
+        ("planar", {"mujoco": "agrees", "pinocchio": "no damping"}),
+        ("spherical", {"mujoco": "agrees"}),
+    ],
+)
+def test_dampers_of_joints_with_several_coordinates_are_mujoco_s(
+    tmp_path: Path, kind: str, verdicts: dict[str, str]
+):
+    path = tmp_path / "damped.urdf"
+    text = (
+        body("root") + body("link") + body("tip") + joint("k", "link", "tip", "revolute", "0 1 0")
+    )
+    several = joint("j", "root", "link", kind, "0 0 1", '<dynamics damping="0.5"/>')
+    text += several.replace('lower="-2"', 'lower="0"')  # MuJoCo wants it of a ball
+    path.write_text(f'<robot name="damped">{text}</robot>', "utf-8")
+    claims = ["mass-matrix", "bias", "generalized-forces", "engine-acceleration"]
+    compared = compare_libraries(from_urdf(path), [*verdicts], states=2, claims=claims)
+    assert {key: one.verdict for key, one in compared.libraries.items()} == verdicts

@@ -20,6 +20,7 @@ from eomcheck.engines.file_engine import (
     FileEngine,
     FreeBase,
     RobotDescription,
+    few,
     free_base,
 )
 from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
@@ -251,6 +252,9 @@ class PinocchioFile(FileEngine, PinocchioEngine):
     undamped = True
     compounds = frozenset({"planar", "floating"})
 
+    _several: tuple[str, ...] = ()
+    """Names of the joints with several coordinates, whose dampers Pinocchio does not read."""
+
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._pin = library
         base = (library.JointModelFreeFlyer(),) if self.base else ()
@@ -265,6 +269,7 @@ class PinocchioFile(FileEngine, PinocchioEngine):
             kind = KINDS_BY_VELOCITIES[joint.nv]
             self._joints += [name + part for part in COORDINATES[kind]]
             if joint.nv > 1:
+                self._several += (name,)
                 own = slice(joint.idx_v, joint.idx_v + joint.nv)
                 self._compounds += (CompoundJoint(own, kind),)
 
@@ -287,6 +292,13 @@ class PinocchioFile(FileEngine, PinocchioEngine):
     def pose(self, base: FreeBase) -> Array:
         """Return the position and the quaternion x, y, z, w."""
         return np.concatenate([base.position, np.roll(base.quaternion, -1)])
+
+    def leaves_out(self, method: str) -> str:
+        """Return the dampers that a result leaves out, as text; "" where none are known."""
+        unread = [name for name in self._several if name in self.description.damped]
+        if method == "forces" and unread:
+            return f"it reads no damping of {few(unread)}"
+        return super().leaves_out(method)
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity and of the dampers that it reads."""

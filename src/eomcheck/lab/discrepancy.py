@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.claims.confusions import Candidate, agreement_within, matching
+from eomcheck.descriptions.elements import COORDINATES
 from eomcheck.engines.file_engine import AXES, FREE, BaseVelocity, FreeBase, RobotDescription, few
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
@@ -75,7 +76,13 @@ class Discrepancy(NamedTuple):
     @property
     def damped(self) -> list[int]:
         """Coordinates of joints with dampers."""
-        return [i for i, name in enumerate(self.joints) if name in self.description.damped]
+        several = tuple(COORDINATES["floating"] + COORDINATES["planar"])
+        names = self.description.damped
+        return [
+            i
+            for i, name in enumerate(self.joints)
+            if name in names or (name.endswith(several) and name.rpartition("_")[0] in names)
+        ]
 
     @property
     def leaves_out_damping(self) -> bool:
