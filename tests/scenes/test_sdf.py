@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import time
 from pathlib import Path
 from typing import Any
 
@@ -548,6 +549,22 @@ def test_a_file_without_a_robot_is_refused(tmp_path: Path, text: str, said: str)
 def test_another_version_is_refused(tmp_path: Path, version: str):
     with pytest.raises(InputError, match=rf"is of SDFormat {version}, expected 1.4 to 1.12"):
         from_sdf(written(tmp_path, model(SOUND), version))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('<link name="l{0}"/>', "has 5001 of <link>, expected at most 5000"),
+        ('<frame name="l{0}" attached_to="l{1}"/>', "refers to 'l5001', no link, joint, frame"),
+    ],
+)
+def test_a_large_file_is_refused_at_once(tmp_path: Path, text: str, said: str):
+    inside = "".join(text.format(i, i + 1) for i in range(5001))
+    ends = joint("revolute", ends="l0 a") + link("a") if "frame" in text else ""
+    start = time.process_time()
+    with pytest.raises(InputError, match=said):
+        from_sdf(written(tmp_path, model(inside + ends)))
+    assert time.process_time() - start < 5.0
 
 
 def test_a_root_that_is_held_is_not_free(tmp_path: Path):

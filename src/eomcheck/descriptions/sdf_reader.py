@@ -276,6 +276,8 @@ class _SdfReader:
         self.constraints: list[Constraint] = []
         self.moved: dict[str, str] = {}
         """Link -> the joint whose child it is."""
+        self.types: dict[str, str | None] = {}
+        """Key of a joint -> its type."""
         self.weightless: list[str] = []
         self.by_default: list[str] = []
         """Links whose mass or inertia is not in the file."""
@@ -296,6 +298,7 @@ class _SdfReader:
                 raise Unreadable(f"{where} has {what}")
         if not self.placed["link"]:
             raise Unreadable(f"{where} has no link")
+        self.types = {x.key: x.element.get("type") for x in self.placed["joint"]}
         bodies = [placed.key for placed in self.placed["link"]]
         for link in self.placed["link"]:
             self.links.append(self._link(link))
@@ -697,9 +700,8 @@ class _SdfReader:
         if mimic is not None:
             key = joint.scope.key(text_attribute(mimic, "joint", where))
             which = mimic.get("axis", "axis")
-            kinds = {x.key: x.element.get("type") for x in self.placed["joint"]}
             leader = _shown(key)
-            if kinds.get(key) in ("universal", "revolute2"):
+            if self.types.get(key) in ("universal", "revolute2"):
                 leader += f"_{which}"
             elif which != "axis":
                 raise Unreadable(f"{where} follows {which!r} of {leader!r}, which has one axis")
