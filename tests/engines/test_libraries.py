@@ -33,7 +33,7 @@ from eomcheck.engines import (
 from eomcheck.engines.tree_engine import TreeEngine, library_key
 from eomcheck.lab.fuzzing.screening import keys_in_subject
 from eomcheck.lab.library_comparison import AGREES, compare_libraries
-from eomcheck.scenes import ChainPendulum, from_mjcf, from_urdf
+from eomcheck.scenes import ChainPendulum, from_mjcf, from_sdf, from_urdf
 
 ASKED = asked_by_default(LIBRARIES)
 READING = [(format, key) for format, kinds in BY_FORMAT.items() for key in kinds]
@@ -129,7 +129,12 @@ def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Pat
     version_of(BY_FORMAT[format][key])
     file = tmp_path / "arm.xml"
     file.write_text(ARM)
-    scene = from_mjcf(file) if format == "mjcf" else from_urdf(robots.arm(tmp_path / "arm.urdf"))
+    read = {
+        "mjcf": lambda: from_mjcf(file),
+        "sdf": lambda: from_sdf(Path(__file__).parents[2] / "docs" / "guides" / "crane.sdf"),
+        "urdf": lambda: from_urdf(robots.arm(tmp_path / "arm.urdf")),
+    }
+    scene = read[format]()
     comparison = compare_libraries(scene, [key], states=2, claims=["mass-matrix", "bias"])
     verdicts = ["differs"] if (format, key) in DIFFERS else [*AGREES, "fewer digits"]
     assert comparison.libraries[key].verdict in verdicts, comparison.readings("")
