@@ -24,6 +24,7 @@ from eomcheck.lab.store.validation_runs import (
     StoredFinding,
     cases_of,
     findings_record,
+    pose_of,
     stored_findings,
     stored_findings_in,
     why_unreadable,
@@ -90,14 +91,15 @@ def test_verdicts_that_an_older_release_stored_are_read_as_those_of_today():
 def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all():
     other = replace(FINDING, subject="em", verdict="passed", detail="", digits=3.5)
     kept = stored_findings([FINDING, other], "snake", 7)
-    assert [replace(one, python="code") for one in kept] == [
+    assert [replace(one, python="code", pose="") for one in kept] == [
         KEPT,
         replace(KEPT, subject="em", verdict="passed", detail="", digits=3.5),
     ]
     record = findings_record(kept)
     assert (record.study, record.settings) == (STATES, {"scene": "snake", "links": 2, "case": 7})
-    assert {*record.series} == {*COLUMNS, "python"}
-    python = record.series.pop("python")
+    assert {*record.series} == {*COLUMNS, "python", "pose"}
+    python, pose = record.series.pop("python"), record.series.pop("pose")
+    assert pose == [kept[0].pose] and pose_of(pose[0])[0] == [*SNAKE.coordinate_names]
     assert python == [kept[0].python] and "q = [0.0, 1.0, 2.0, 3.0]" in python[0]
     assert record.series == {
         "claim": ["bias", "bias"],

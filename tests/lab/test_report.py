@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from tests import reports
 from tests.cli.test_cli import run
@@ -15,7 +18,7 @@ from eomcheck import CLAIMS, check_state
 from eomcheck.claims.finding import unresolved_detail
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
-from eomcheck.lab.report.overview import Overview, read_records
+from eomcheck.lab.report.overview import Overview, anchor, read_records
 from eomcheck.lab.report.report_formats import (
     DARK,
     sections_of,
@@ -24,17 +27,21 @@ from eomcheck.lab.report.report_formats import (
     write_page,
 )
 from eomcheck.lab.show.chart import CONTRAST, STYLES, contrast, on_dark
+from eomcheck.lab.show.pictures import sketch_of
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.store.validation_runs import (
     RUNS,
     STATES,
+    pose_of,
+    pose_text,
     stored_findings,
     stored_findings_in,
     validate_kinds,
 )
 from eomcheck.lab.studies.operations import counted_in
-from eomcheck.scenes import SCENES
+from eomcheck.mechanics.records import State
+from eomcheck.scenes import SCENES, Sleigh
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +178,39 @@ def test_a_claim_that_nothing_could_be_checked_on_does_not_hold(good: Path):
     ]
     assert "on the others nothing could be checked" in overview.headline
     assert (overview.verdict, overview.mark) == ("passed", "partly")
+
+
+def test_a_state_that_failed_is_shown_in_its_pose_also_of_a_class_that_is_not_registered(
+    bad: Path, tmp_path: Path
+):
+    overview = Overview(read_records([bad]))
+    (row,) = {one.location: one for one in overview.failed[0].failed}.values()
+    names, sketch = pose_of(row.pose)
+    assert names == ["x", "y", "θ"]
+    q = re.search(r"q = (\[.*\])", row.python)
+    assert q is not None
+    drawn = sketch_of(Sleigh.example(), np.array(json.loads(q[1])))
+    assert {type(part) for part in sketch.parts} == {type(part) for part in drawn.parts}
+    text = page_of(bad, tmp_path)
+    state = text[text.index(f'<details id="{anchor(row)}"') :]
+    assert state.index('class="viewer"') < state.index("<pre>") < state.index("</details>")
+    assert "heavy" in text[text.index('id="mechanisms"') :]
+    overview = Overview(read_records([bad]))
+    overview.rows = [replace(one, pose="[1]") for one in overview.rows]
+    write_page(overview, tmp_path / "old.html")
+    assert 'class="viewer"' not in (tmp_path / "old.html").read_text(encoding="utf-8")
+
+
+def test_a_scene_that_cannot_draw_a_state_has_no_pose_of_it():
+    class Hidden(Sleigh):
+        key = "hidden"
+
+        def sketch(self, q, t=0.0) -> Any:
+            return None if q[0] else 1 / 0
+
+    state = State(np.zeros(3), np.zeros(3), 0.0)
+    assert pose_text(Hidden(), state) == pose_text(Hidden(), state._replace(q=np.ones(3))) == ""
+    assert pose_text(Sleigh(), None) == pose_text("functions", state) == ""
 
 
 def test_only_if_nothing_is_undecided_the_mark_is_that_of_success(good: Path, bad: Path):

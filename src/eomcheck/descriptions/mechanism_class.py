@@ -62,7 +62,9 @@ from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
     Center,
+    Closing,
     ConstraintMark,
+    Ground,
     JointMark,
     Part,
     Sketch,
@@ -252,6 +254,9 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
 
 # ---- Sketch --------------------------------------------------------------------------------------
 
+FORCED_AT = {"pin": 0, "weld": 0, "hinge": 0, "distance": 1}
+"""Kind of a constraint whose first rows are a force between two points -> number of these rows, 0:
+one per dimension."""
 NEAR = 1e-9
 """Distance, relative to the size of the whole, below which points are drawn as one."""
 
@@ -274,30 +279,49 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     everything = np.array([np.zeros(d), *origins, *centers.values()])
     size = float(np.ptp(everything, axis=0).max()) or 1.0
     parts: list[Part] = [*fixed_axes(0.15 * size, d)]
+
+    def line(start: Array, end: Array, **look: Any) -> None:
+        if np.abs(end - start).max() > NEAR * size:
+            parts.append(Body((start, end), **look))
+
+    # In space the ground is a body with lines from the origin to its joints.
+    fixed = [k for k, slot in enumerate(plan.joints) if slot.parent < 0]
+    based = d == 3 and any(np.abs(origins[k]).max() > NEAR * size for k in fixed)
+    if based:
+        parts.append(Ground(np.zeros(d)))
     for k, slot in enumerate(plan.joints):
         # From joint to joint, a line of the previous body, or of the ground.
-        start = origins[slot.parent] if slot.parent >= 0 else np.zeros(d)
-        if slot.parent >= 0 and np.abs(origins[k] - start).max() > NEAR * size:
-            parts.append(Body((start, origins[k])))
+        if slot.parent >= 0 or based:
+            line(origins[slot.parent] if slot.parent >= 0 else np.zeros(d), origins[k])
         axis, name = _place(frames[k].axis, d), slot.name.replace("_", " ")
         if slot.slides:
             along = 0.12 * size * axis / (np.linalg.norm(axis) or 1.0)
             parts.append(Arrow(name, origins[k], along, frame=False))
         else:
-            parts.append(JointMark(origins[k], slot.parent < 0, name, None if d == 2 else axis))
+            pinned = slot.parent < 0 and not based
+            parts.append(JointMark(origins[k], pinned, name, None if d == 2 else axis))
         if k in centers:
             parts.append(Center(centers[k]))
-            if all(child.parent != k for child in plan.joints):
-                parts += [Body((origins[k], centers[k])), Trail(centers[k])]
+            last = all(child.parent != k for child in plan.joints)
+            line(origins[k], centers[k], thin=not last)
+            if last:
+                parts.append(Trail(centers[k]))
     row = 0
     for closure in plan.topology.constraints:
         rows = tuple(range(row, row := row + row_count(closure, plan.topology.planar)))
         if closure.points:
-            k, i = closure.points[0]
-            held = arm_and_position(frames, k, as_vector(parameters.points[i]))[1]
-            parts.append(ConstraintMark(closure.name, _place(held, d), rows))
-            if k >= 0:
-                parts.append(Body((origins[k], _place(held, d))))
+            held = [
+                _place(arm_and_position(frames, k, as_vector(parameters.points[i]))[1], d)
+                for k, i in closure.points
+            ]
+            parts.append(ConstraintMark(closure.name, held[0], rows))
+            if closure.kind in FORCED_AT:
+                parts.append(Closing(held[0], held[1], rows[: FORCED_AT[closure.kind] or d]))
+                if closure.kind == "distance":
+                    line(held[0], held[1], thin=True)
+            for (k, _), point in zip(closure.points, held, strict=True):
+                if k >= 0 and (closure.kind in FORCED_AT or point is held[0]):
+                    line(origins[k], point)
     if parameters.gravity is not None and np.any(parameters.gravity):
         along = 0.2 * size * parameters.gravity / np.linalg.norm(parameters.gravity)
         parts.append(Arrow("g", np.zeros(d) - 0.2 * size * np.eye(d)[0], along, frame=False))

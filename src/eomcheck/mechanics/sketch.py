@@ -6,7 +6,8 @@ turn. Nothing here draws; `eomcheck.lab.show.sketch_drawing` does.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import json
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -21,6 +22,8 @@ class Body(NamedTuple):
     """Points (k, d), m."""
     name: str = ""
     closed: bool = False
+    thin: bool = False
+    """Whether its line is thin, as from a joint to a centre of mass aside."""
 
 
 class Disk(NamedTuple):
@@ -43,6 +46,12 @@ class JointMark(NamedTuple):
     name: str = ""
     axis: Any = None
     """Direction (3,), or None if it is drawn as a point."""
+
+
+class Ground(NamedTuple):
+    """A point of the ground: hatching below it."""
+
+    at: Any
 
 
 class Wheel(NamedTuple):
@@ -111,6 +120,18 @@ class ConstraintMark(NamedTuple):
     rows: tuple[int, ...]
 
 
+class Closing(NamedTuple):
+    """A point where a loop closes: rows hold a point of one body at a point of another one, or of
+    the ground. The force of the rows acts there.
+    """
+
+    at: Any
+    """Point of the body on which the force acts (d,), m."""
+    other: Any
+    """Point of the other body, which feels the opposite force (d,), m."""
+    rows: tuple[int, ...]
+
+
 class Velocity(NamedTuple):
     """The velocity of a point, to a scale that all velocities of a sketch share."""
 
@@ -143,6 +164,7 @@ Part = (
     Body
     | Disk
     | JointMark
+    | Ground
     | Wheel
     | Center
     | SpringMark
@@ -150,6 +172,7 @@ Part = (
     | Distance
     | Arrow
     | ConstraintMark
+    | Closing
     | Velocity
     | Force
     | Trail
@@ -176,6 +199,28 @@ UPRIGHT: dict[str, Any] = {"azimuth": 0.35, "elevation": 0.15, "up": 1}
 
 FLAT: dict[str, Any] = {"azimuth": -1.4, "elevation": 0.9}
 """Viewpoint in space of a planar mechanism on the ground."""
+
+
+def sketch_text(sketch: Sketch) -> str:
+    """Return a sketch as JSON, which `sketch_of_text` reads."""
+    parts = [[type(part).__name__, part._asdict()] for part in sketch.parts]
+    return json.dumps(sketch._asdict() | {"parts": parts}, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value).tolist()
+
+
+def sketch_of_text(text: str) -> Sketch:
+    """Return the sketch of which `sketch_text` made a text.
+
+    Raises:
+        LookupError, TypeError, ValueError: it is no such text.
+    """
+    kinds = {kind.__name__: kind for kind in get_args(Part)}
+    fields = json.loads(text)
+    parts = tuple(kinds[kind](**part) for kind, part in fields.pop("parts"))
+    return Sketch(parts, **fields)
 
 
 def direction(angle: float) -> Array:

@@ -151,4 +151,6 @@ class Andrews(Described, description=description, closed=True):
             parts += [draw.Arrow("", base, 0.0085 * axes[0])]
         parts += [draw.JointMark(tip["K2"], name="P"), draw.Trail(tip["K2"])]
         parts += [draw.ConstraintMark("P closes three loops", tip["K2"], tuple(range(6)))]
+        for k, body in enumerate(MEETING):
+            parts += [draw.Closing(tip["K2"], tip[body], (2 * k, 2 * k + 1))]
         return draw.Sketch(tuple(parts), **draw.UPRIGHT)

@@ -189,6 +189,8 @@ class Bricard(Described, description=description, closed=True):
             draw.Trail(point / 2),
         ]
         parts += [draw.ConstraintMark("the ring closes", point, tuple(range(self.r)))]
+        # The rows of the tip, see `constraint_names`; those of the hinge transmit a moment.
+        parts += [draw.Closing(point, np.array([0.0, 0.0, length]), (0, 2, 3))]
         corner = length * np.array([0.0, -0.75, 0.0])
         parts += [draw.Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
         return draw.Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)

@@ -179,6 +179,7 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
             middle, rows = (feet[k - 1] + end) / 2, (2 * k - 2, 2 * k - 1)
             more = () if self.repeated is None or k < N else (2 * N,)
             parts += [draw.ConstraintMark(f"window {k}", middle, (*rows, *more))]
+            parts += [draw.Closing(end, tips[k], (*rows, *more))]
         if self.gravity is not None:
             parts += [draw.Arrow("g", (-0.4 * span, 0.9 * length), (0, -0.4 * length), frame=False)]
         return draw.Sketch((*parts, draw.Trail(tips[0])), **draw.UPRIGHT)

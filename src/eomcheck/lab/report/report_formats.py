@@ -47,7 +47,7 @@ from eomcheck.lab.report.overview import (
 from eomcheck.lab.show.chart import DARK_GROUND, STYLES, Chart, keys_of, on_dark
 from eomcheck.lab.show.table import ResultTable, environment, ranges, render
 from eomcheck.lab.store.record_file import Record, group
-from eomcheck.lab.store.validation_runs import PROOFS, RUNS, STATES, StoredFinding
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS, STATES, StoredFinding, pose_of
 from eomcheck.lab.studies import STUDIES, study_of
 from eomcheck.safe_output import counted
 from eomcheck.scenes import SCENES
@@ -160,7 +160,7 @@ def write_page(overview: Overview, path: Path) -> None:
 
     sections = [(s, [x for x in s.charts() if x.on_page]) for s in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
-    viewers = _viewers(overview)
+    viewers, poses = _viewers(overview), _poses(overview)
     page = render(
         "page.html.j2",
         overview=overview,
@@ -177,13 +177,16 @@ def write_page(overview: Overview, path: Path) -> None:
         light={key: style.color for key, style in STYLES.items()},
         dark={key: on_dark(style.color) for key, style in STYLES.items()},
         viewers=viewers,
-        plotly=plotly_js() if charts or viewers else "",
+        poses=poses,
+        plotly=plotly_js() if charts or viewers or poses else "",
     )
     write_text(path, page)
 
 
 def _viewers(overview: Overview) -> dict[str, str]:
-    """Return the HTML of the mechanism of each registered scene of the report, by its key."""
+    """Return the HTML of the mechanism of each scene of the report, by its key: of registered ones
+    in a state with velocities and forces, of others in the stored pose of their first state.
+    """
     from eomcheck.lab.show.pictures import scene_and_pose
     from eomcheck.lab.show.viewer_plotly import (
         picture_html,
@@ -199,7 +202,31 @@ def _viewers(overview: Overview) -> dict[str, str]:
             state = shown_state(scene, q)
             still = picture_html(scene, state)
             viewers[key] = viewer_figure(viewer_json(scene, [state]), still=still)
+        else:
+            first = (row for row in overview.rows if row.scene == key and row.pose)
+            if html := _posed(next(first, None)):
+                viewers[key] = html
     return viewers
+
+
+def _poses(overview: Overview) -> dict[str, str]:
+    """Return the HTML of the mechanism in each failing state of the report, by its anchor."""
+    failed = [row for row in _states(overview) if row.verdict == "failed"]
+    return {anchor(row): html for row in failed if (html := _posed(row))}
+
+
+def _posed(row: StoredFinding | None) -> str:
+    """Return the HTML of the mechanism in the stored pose of a finding, "" without one."""
+    from eomcheck.lab.show.viewer_plotly import sketch_html, sketches_json, viewer_figure
+
+    if row is None or not row.pose:
+        return ""
+    try:
+        names, sketch = pose_of(row.pose)
+        still = sketch_html(sketch, names, row.location)
+        return viewer_figure(sketches_json([sketch], names), still=still)
+    except (ArithmeticError, LookupError, *WRONG):  # stored by another version
+        return ""
 
 
 def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:

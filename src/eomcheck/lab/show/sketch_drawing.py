@@ -192,7 +192,7 @@ class Drawing:
     def _body(self, body: s.Body) -> None:
         points = [*body.points, body.points[0]] if body.closed else [*body.points]
         fill = self.colors.body if body.closed else ""
-        line = self._line(points, self.colors.body, 3.0, fill=fill)
+        line = self._line(points, self.colors.body, 1.2 if body.thin else 3.0, fill=fill)
         across = self.see.across(line[1] - line[0])
         self._label(body.name, (line[0] + 2 * line[1]) / 3, self.colors.ink, across)
 
@@ -312,6 +312,12 @@ class Drawing:
     def _constraintmark(self, mark: s.ConstraintMark) -> None:
         self._label(mark.name, self.see(mark.at)[0], self.colors.constraint)
         self.kinds.add("constraint")
+
+    def _ground(self, ground: s.Ground) -> None:
+        self._hatching(self.see(ground.at)[0])
+
+    def _closing(self, closing: s.Closing) -> None:
+        """Draw nothing: the body's line ends there, and a `ConstraintMark` names the rows."""
 
     def _trail(self, trail: s.Trail) -> None:
         self.trails.append(self.see(trail.at)[0])

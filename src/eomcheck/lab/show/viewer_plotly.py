@@ -5,14 +5,16 @@ projected; they are gathered into one trace per group, color and width. Colors a
 figures but their roles (fields of `Colors`): the script `viewer.js` of the page colors them, draws,
 and moves them from pose to pose.
 
-Velocities are those of centres of mass and of traced points. The force of a constraint is drawn at
-its mark, along the directions in which a coordinate shifts all bodies: its component there is the
-entry of aᵀλ for this coordinate.
+Velocities are those of centres of mass and of traced points. The force of a constraint by the
+ground is drawn at its mark, along the directions in which a coordinate shifts all bodies: its
+component there is the entry of aᵀλ for this coordinate. Where a loop closes, the force f acts on
+one body and -f on the other: Jᵀ f = aᵀλ with the derivatives J of the distance of their points.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from html import escape
@@ -124,6 +126,10 @@ def sketches_with_arrows(
     ], scale
 
 
+AT_REST = Scale(0.0, 0.0)
+"""Scale of sketches without arrows."""
+
+
 Vectors = list[tuple[Array, Array]]
 """Points and vectors there."""
 
@@ -163,7 +169,10 @@ def _velocities(scene: Scene, state: ShownState) -> Vectors:
 
 def _translations(scene: Scene, state: ShownState) -> list[tuple[int, Array]]:
     """Return the coordinates that shift all bodies, each with the shift by its unit."""
-    kinds = s.Body, s.Disk, s.Wheel, s.Center, s.ConstraintMark
+    # Bodies of some poses have no lines, where their joints coincide.
+    kinds = s.Disk, s.Wheel, s.Center, s.ConstraintMark
+    if not _points(sketch_of(scene, state.q, state.t), kinds):
+        return []
     points = np.array(_points(sketch_of(scene, state.q, state.t), kinds))
     found = []
     for k, unit in enumerate(np.eye(scene.n)):
@@ -176,17 +185,58 @@ def _translations(scene: Scene, state: ShownState) -> list[tuple[int, Array]]:
 def _forces(
     scene: Scene, state: ShownState, sketch: s.Sketch, ways: Sequence[tuple[int, Array]]
 ) -> Vectors:
-    """Return the force at each mark of constraints, along the shifts of coordinates."""
-    a = Evaluation(scene, state.q, state.v, state.t).terms.a
-    if a is None or state.multipliers is None or not ways:
+    """Return the force at each mark of constraints, along the shifts of coordinates, and where
+    loops close.
+    """
+    a, multipliers = Evaluation(scene, state.q, state.v, state.t).terms.a, state.multipliers
+    if a is None or multipliers is None:
         return []
-    found = []
-    for mark in (part for part in sketch.parts if isinstance(part, s.ConstraintMark)):
-        rows = list(mark.rows)
-        generalized = a[rows].T @ state.multipliers[rows]
-        force = sum(generalized[k] * shift for k, shift in ways)
-        found.append((np.asarray(mark.at, float), np.asarray(force)))
-    return found
+
+    def generalized(rows: Collection[int]) -> Array:
+        return a[list(rows)].T @ multipliers[list(rows)]
+
+    closings = _parts_of(sketch, s.Closing)
+    forces = _closing_forces(scene, state, [generalized(closing.rows) for closing in closings])
+    closed = {row for closing in closings for row in closing.rows}
+    for mark in _parts_of(sketch, s.ConstraintMark) if ways else ():
+        q_forces = generalized([row for row in mark.rows if row not in closed])
+        force = sum(q_forces[k] * shift for k, shift in ways)
+        forces.append((np.asarray(mark.at, float), np.asarray(force)))
+    return forces
+
+
+def _parts_of(sketch: s.Sketch, kind: Any) -> list[Any]:
+    return [part for part in sketch.parts if isinstance(part, kind)]
+
+
+EXACT = 1e-4
+"""Largest part of aᵀλ, relative to it, that the force at a closing point may leave out."""
+
+
+def _closing_forces(scene: Scene, state: ShownState, generalized: Sequence[Array]) -> Vectors:
+    """Return the force where each loop closes whose generalized forces (n,) it explains.
+
+    Of redundant components the force of least norm is drawn.
+    """
+    if not generalized:
+        return []
+
+    def closings(q: Array) -> list[s.Closing]:
+        return _parts_of(sketch_of(scene, q, state.t), s.Closing)
+
+    def gaps(q: Array) -> Array:
+        return np.array([np.subtract(x.at, x.other) for x in closings(q)], float)
+
+    steps = STEP * np.eye(scene.n)
+    rates = [(gaps(state.q + step) - gaps(state.q - step)) / (2 * STEP) for step in steps]
+    forces = []
+    for closing, jacobian, expected in zip(
+        closings(state.q), np.moveaxis(np.array(rates), 0, 1), generalized, strict=True
+    ):
+        force = np.linalg.lstsq(jacobian, expected, rcond=EXACT)[0]
+        if np.linalg.norm(jacobian @ force - expected) <= EXACT * np.linalg.norm(expected):
+            forces.append((np.asarray(closing.at, float), force))
+    return forces
 
 
 # ---- Figures -------------------------------------------------------------------------------------
@@ -204,8 +254,49 @@ DIGITS = 4
 Key = tuple[Any, ...]
 
 
+PLACES = tuple(
+    f"{y} {x}" for x in ("right", "left", "center") for y in ("top", "bottom", "middle")
+)[:-1]
+"""Positions of a label beside its point that are tried in this order."""
+LETTER, LINE = 0.024, 0.055
+"""Width of a letter and height of a line of labels on a telephone, relative to the diagonal of the
+axes."""
+
+
+def _label_places(drawing: Drawing) -> list[str]:
+    """Return the position of each label beside its point: the one that, as first seen, covers the
+    smallest area of the labels before it.
+    """
+    taken: list[Array] = []
+    places = []
+    low, high = _limits([drawing])
+    diagonal = float(np.linalg.norm(high - low))
+    for label in drawing.labels:
+        width = LETTER * (len(re.sub("<.*?>", "", label.text)) + 1)
+        half = diagonal * np.array([width, LINE]) / 2
+        boxes = [drawing.see.page @ label.at + half * _side(place) for place in PLACES]
+        covered = [
+            sum(
+                np.clip(half + other[1] - np.abs(box - other[0]), 0.0, None).prod()
+                for other in taken
+            )
+            for box in boxes
+        ]
+        best = int(np.argmin(covered))
+        taken.append(np.array([boxes[best], half]))
+        places.append(PLACES[best])
+    return places
+
+
+def _side(place: str) -> Array:
+    """Return the side (2,) of a point, to the right and upwards, on which a label is."""
+    y, x = place.split()
+    sides = {"right": 1.0, "left": -1.0, "top": 1.0, "bottom": -1.0}
+    return np.array([sides.get(x, 0.0), sides.get(y, 0.0)])
+
+
 class _TracePoints:
-    """Points (k, 3) of one trace, None between its lines, and texts or triangles."""
+    """Points (k, 3) of one trace, None between its lines, and texts with positions or triangles."""
 
     def __init__(self) -> None:
         self.points: list[Any] = []
@@ -234,10 +325,10 @@ def _traces(drawing: Drawing) -> dict[Key, _TracePoints]:
         traces.setdefault(("mechanism", "dots", color, fill, size), _TracePoints()).points.append(
             at
         )
-    for label in drawing.labels:
+    for label, place in zip(drawing.labels, _label_places(drawing), strict=True):
         text = traces.setdefault(("names", "text", label.color), _TracePoints())
         text.points.append(label.at)
-        text.more.append(label.text)
+        text.more.append((label.text, place))
     return traces
 
 
@@ -277,8 +368,9 @@ def _added(figure: Any, key: Key, trace: _TracePoints, digits: int) -> None:
         meta["fill"] = look[0]
         figure.add_scatter3d(mode="markers", marker=marker, meta=meta, **options)
     else:
-        where = {"textposition": "top right", "textfont": {"size": 14}}
-        figure.add_scatter3d(mode="text", text=trace.more, meta=meta, **where, **options)
+        texts, places = map(list, zip(*trace.more, strict=True)) if trace.more else ([], [])
+        where = {"textposition": places, "textfont": {"size": 14}}
+        figure.add_scatter3d(mode="text", text=texts, meta=meta, **where, **options)
 
 
 def viewer_json(
@@ -301,13 +393,30 @@ def viewer_json(
     """
     names = scene.coordinate_names if coordinates is None else coordinates
     sketches, scale = sketches_with_arrows(scene, states)
+    return sketches_json(sketches, names, [state.t for state in states], scale)
+
+
+def sketches_json(
+    sketches: Sequence[s.Sketch],
+    names: Collection[str],
+    times: Sequence[float] = (0.0,),
+    scale: Scale = AT_REST,
+) -> str:
+    """Return the JSON of `viewer_json` of sketches at some times.
+
+    Args:
+        sketches: the mechanism in each pose.
+        names: names of the coordinates.
+        times: times of the poses, s.
+        scale: speed and force of the longest arrows.
+    """
     drawings = [Drawing(sketch, ROLES, names, Space(sketch)) for sketch in sketches]
     poses = [_traces(drawing) for drawing in drawings]
     digits = DIGITS - int(np.floor(np.log10(drawings[0].size)))
     paths = _TracePoints()
     for trail in np.array([drawing.trails for drawing in drawings]).swapaxes(0, 1):
         paths.points += [*trail, None]
-    for pose in poses if len(states) > 1 else ():
+    for pose in poses if len(poses) > 1 else ():
         pose["mechanism", "line", ROLES.coordinate, 1.2, "solid"] = paths
     keys = dict.fromkeys(key for pose in poses for key in pose)
     figure = go.Figure(layout=_layout(drawings))
@@ -316,15 +425,15 @@ def viewer_json(
     moves = [[_axes_of(pose.get(key, _TracePoints()), digits) for key in keys] for pose in poses]
     content = {
         "figure": json.loads(figure.to_json() or "{}"),
-        "poses": moves if len(states) > 1 else [],
-        "times": [state.t for state in states],
+        "poses": moves if len(poses) > 1 else [],
+        "times": list(times),
         "colors": {"light": LIGHT._asdict(), "dark": DARK._asdict()},
         "scale": {"velocity": scale.speed, "force": scale.force},
     }
     return json.dumps(content, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
 
 
-FILLED = 3.0
+FILLED = 2.7
 """Diagonal of the axes, in plotly's units, of which the page shows about as many."""
 
 
@@ -332,12 +441,17 @@ def _triple(x: Array) -> dict[str, float]:
     return dict(zip("xyz", map(float, x), strict=True))
 
 
-def _layout(drawings: Sequence[Drawing]) -> dict[str, Any]:
-    """Return the layout of a figure: the viewpoint of the first, and axes that hold every pose."""
+def _limits(drawings: Sequence[Drawing]) -> tuple[Array, Array]:
+    """Return the least and the largest coordinates (3,) of axes that hold all poses, m."""
     bounds = np.array([drawing.bounds for drawing in drawings])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     margin = 0.1 * float((high - low).max())
-    low, high = low - margin, high + margin
+    return low - margin, high + margin
+
+
+def _layout(drawings: Sequence[Drawing]) -> dict[str, Any]:
+    """Return the layout of a figure: the viewpoint of the first, and axes that hold every pose."""
+    low, high = _limits(drawings)
     extent = high - low
     hidden = {"visible": False, "showspikes": False}
     axes = {
@@ -397,14 +511,24 @@ def write_viewer(scene: Scene, states: Sequence[ShownState], path: Path) -> None
 
 def picture_html(scene: Scene, state: ShownState) -> str:
     """Return the picture of a state as HTML with its SVG, for light and for dark pages."""
+    return sketch_html(sketch_of(scene, state.q, state.t), scene.coordinate_names, scene.name)
+
+
+def sketch_html(sketch: s.Sketch, names: Collection[str], title: str) -> str:
+    """Return the picture of a sketch as HTML, see `picture_html`.
+
+    Args:
+        sketch: the mechanism in a pose.
+        names: names of the coordinates.
+        title: what it shows, as plain text.
+    """
 
     def address(dark: bool) -> str:
         file = BytesIO()
-        sketch = sketch_of(scene, state.q, state.t)
-        save_figure(scene_figure(sketch, scene.coordinate_names, dark)[0], file, "svg")
+        save_figure(scene_figure(sketch, names, dark)[0], file, "svg")
         return f"data:image/svg+xml;base64,{b64encode(file.getvalue()).decode()}"
 
     return (
         f'<picture><source media="(prefers-color-scheme: dark)" srcset="{address(True)}">'
-        f'<img src="{address(False)}" alt="{escape(scene.name)}"></picture>'
+        f'<img src="{address(False)}" alt="{escape(title)}"></picture>'
     )

@@ -12,6 +12,7 @@ of an earlier run of the class.
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 from bisect import bisect_right
@@ -21,7 +22,7 @@ from functools import cache, lru_cache, partial
 from operator import attrgetter
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from eomcheck.calls import is_ours
+from eomcheck.calls import call, is_ours
 from eomcheck.claims.finding import Finding, Proof, Verdict, comparison_text, ratio
 from eomcheck.claims.reproducer import reproducer_of
 from eomcheck.claims.run import (
@@ -43,6 +44,7 @@ from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.sketch import Sketch, sketch_of_text, sketch_text
 from eomcheck.scene_lookup import scene_classes_named
 
 COLUMNS = (
@@ -61,6 +63,8 @@ class StoredFinding:
         case: number of the state in its run; None for a proof, which is about all states.
         structure: structure of the scene that a proof is about, "" for a state.
         python: code that reproduces the state, or proves the structure again.
+        pose: names of the coordinates and the sketch of a failing state, or of the first one of a
+            run, as `pose_text` makes it; "" otherwise.
 
     The other attributes are those of `Finding`.
     """
@@ -79,6 +83,7 @@ class StoredFinding:
     case: int | None
     structure: str
     python: str
+    pose: str = ""
 
     @classmethod
     def read(cls, row: dict[str, Any]) -> StoredFinding:
@@ -146,7 +151,36 @@ def stored_findings(
         # A Finding about a row of a file has code of its own.
         "python": findings[0].as_python() if len(findings) == 1 else code,
     }
+    if case == 0 or any(one.verdict == "failed" for one in findings):
+        where["pose"] = pose_text(scene, state)
     return [StoredFinding(*_columns(one), **where) for one in findings]
+
+
+def pose_text(scene: Any, state: State | None) -> str:
+    """Return the names of the coordinates and the sketch of a scene in a state, as JSON.
+
+    Returns:
+        "" without a state, without a sketch, or if the scene cannot draw this state.
+    """
+    if state is None or not isinstance(scene, Scene):
+        return ""
+    try:
+        sketch = call(f"{scene.key}.sketch", scene.sketch, state.q, state.t)
+        return (
+            "" if sketch is None else json.dumps([[*scene.coordinate_names], sketch_text(sketch)])
+        )
+    except Exception:  # a user's function, beside the claim that fails
+        return ""
+
+
+def pose_of(text: str) -> tuple[list[str], Sketch]:
+    """Return the names of the coordinates and the sketch of which `pose_text` made a text.
+
+    Raises:
+        LookupError, TypeError, ValueError: it is no such text.
+    """
+    names, sketch = json.loads(text)
+    return names, sketch_of_text(sketch)
 
 
 def cases_of(run: ValidationRun, begin: int = 0) -> Iterator[list[Finding]]:
@@ -177,7 +211,8 @@ def findings_record(kept: Sequence[StoredFinding]) -> Record:
     where = {"case": first.case} if first.case is not None else {"structure": first.structure}
     settings = {"scene": first.scene, "links": first.links} | where
     study = PROOFS if first.case is None else STATES
-    return Record(study, settings, series=series | {"python": [first.python]})
+    pose = {"pose": [first.pose]} if first.pose else {}
+    return Record(study, settings, series=series | {"python": [first.python]} | pose)
 
 
 def stored_findings_in(records: Iterable[Record]) -> list[StoredFinding]:
@@ -231,7 +266,8 @@ def why_unreadable(record: Record) -> str | None:
 
 
 def _kept(record: Record) -> Iterator[StoredFinding]:
-    where = {"case": None, "structure": "", "python": record.series["python"][0]} | record.settings
+    where = {"case": None, "structure": "", "python": record.series["python"][0]}
+    where |= {"pose": record.series.get("pose", [""])[0]} | record.settings
     for values in zip(*(record.series[name] for name in COLUMNS), strict=True):
         yield StoredFinding.read(dict(zip(COLUMNS, values, strict=True)) | where)
 

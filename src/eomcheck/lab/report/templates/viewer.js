@@ -1,6 +1,7 @@
 "use strict";
 // Mechanisms that are turned by hand. `startViewers(load)` draws each `.viewer` when it comes into
 // sight; `load` returns a promise of plotly. Without this script a viewer shows what it holds else.
+// A browser has room for about sixteen of them at once: those out of sight make room for others.
 
 function startViewers(load) {
   const ground = () => {
@@ -44,12 +45,22 @@ function startViewers(load) {
 
     draw() {
       const { data, layout } = this.content.figure;
-      const camera = this.plot._fullLayout?.scene?._scene?.getCamera();
+      const camera = this.camera();
       const scene = { ...layout.scene, ...(camera && { camera }) };
       const ground = { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)" };
       const options = { responsive: true, displayModeBar: false, scrollZoom: false };
       const made = data.map((trace) => this.styled(trace));
       return Plotly.react(this.plot, made, { ...layout, ...ground, scene }, options);
+    }
+
+    camera() {
+      return this.plot._fullLayout?.scene?._scene?.getCamera() ?? this.turned;
+    }
+
+    // Give the place in the graphics card back; `draw` takes it again.
+    retire() {
+      this.turned = this.camera();
+      Plotly.purge(this.plot);
     }
 
     // Checkboxes of what is there, and for a motion its time and a button that plays it.
@@ -115,24 +126,34 @@ function startViewers(load) {
   const webgl = () => Boolean(document.createElement("canvas").getContext("webgl"));
   const figures = [...document.querySelectorAll(".viewer")];
   if (!figures.length || !webgl()) return;
-  const viewers = [];
+  const made = new Map();
+  const shown = new Set();
+  const inSight = new Set();
+  const MOST = 8;
+  const show = (figure) => {
+    if (!made.has(figure)) {
+      made.set(figure, new Viewer(figure));
+      made.get(figure).control();
+    }
+    shown.add(figure);
+    for (const other of [...shown].filter((one) => !inSight.has(one))) {
+      if (shown.size <= MOST) break;
+      made.get(other).retire();
+      shown.delete(other);
+    }
+    return made.get(figure).draw();
+  };
   const seen = new IntersectionObserver(
     (entries) => {
       for (const { target, isIntersecting } of entries) {
-        if (!isIntersecting) continue;
-        seen.unobserve(target);
-        load().then(() => {
-          const viewer = new Viewer(target);
-          viewer.control();
-          viewers.push(viewer);
-          return viewer.draw();
-        });
+        inSight[isIntersecting ? "add" : "delete"](target);
+        if (isIntersecting && !shown.has(target)) load().then(() => show(target));
       }
     },
     { rootMargin: "300px" },
   );
   figures.forEach((figure) => seen.observe(figure));
-  const redraw = () => viewers.forEach((viewer) => viewer.draw());
+  const redraw = () => shown.forEach((figure) => made.get(figure).draw());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   new MutationObserver(redraw).observe(document.body, { attributeFilter: ["data-theme"] });
 }
