@@ -10,8 +10,10 @@ import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from threading import Event, Lock, Thread
 from typing import Any
 
@@ -50,6 +52,9 @@ if not WIDTH_KNOWN or console.width < LEAST_WIDTH:
 PATIENCE = 2.0
 """Delay before `polled_progress` or `slow_work_notice` print anything, s."""
 
+EVERY = 5.0
+"""Seconds between two lines of progress, where standard error is no terminal."""
+
 _now = ["starting"]
 """Stack of current activities, innermost last: the text printed by `slow_work_notice`."""
 
@@ -67,6 +72,12 @@ def _with(total: float) -> Callable[[re.Match], str]:
 def _many(noun: re.Match) -> str:
     return counted(2, noun[1]).removeprefix("2 ")
 
+
+_steps: dict[str, int] = {}
+"""Text of an activity -> number of its steps that are done."""
+
+_reporting = Event()
+"""Set once `report_progress` has printed a line."""
 
 _status: list[Status] = []
 """The status line that is shown, none or one."""
@@ -100,6 +111,7 @@ def report_progress(text: str) -> None:
     if Console(stderr=True).is_terminal and len(_now) > 1:
         _now[-1] = text
     else:
+        _reporting.set()
         console.print(text, highlight=False)
 
 
@@ -156,14 +168,15 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
 def slow_work_notice(what: str) -> Iterator[None]:
     """Show the current activity on standard error if the block exceeds `PATIENCE`.
 
-    A terminal has a status line while there is an activity and no bar; elsewhere the activity is
-    printed once.
+    A terminal has a status line while there is an activity and no bar; elsewhere the activity and
+    its steps are printed every few seconds, unless `report_progress` prints.
 
     Args:
         what: name of the activity until an inner `activity` or bar names another.
     """
     over = Event()
     _now[0] = what
+    _reporting.clear()
 
     def notify() -> None:
         if over.wait(PATIENCE):
@@ -175,6 +188,14 @@ def slow_work_notice(what: str) -> Iterator[None]:
                     print(f"eomcheck: {_now[-1]} ...", file=sys.stderr, flush=True)
         if errors.is_terminal:
             _show_status(over, errors)
+        start = time.monotonic() - PATIENCE
+        while not over.wait(EVERY):
+            if _reporting.is_set():
+                return
+            with suppress(OSError, ValueError):
+                now, seconds = _now[-1], time.monotonic() - start
+                steps = f", {_steps[now]} done" if now in _steps else ""
+                print(f"eomcheck: {now}{steps} ... {seconds:.0f} s", file=sys.stderr, flush=True)
 
     notifier = Thread(target=notify, daemon=True)
     notifier.start()
@@ -195,14 +216,20 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
         total: number of steps.
     """
     with _bar(label, total, MofNCompleteColumn()) as bar:
+        notice, done = _now[-1], count(1)
 
         def advance() -> None:
             bar.advance(bar.task_ids[0])
+            if label:
+                _steps[notice] = next(done)
             if _stopped.is_set():
                 _stopped.clear()
                 raise KeyboardInterrupt
 
-        yield advance
+        try:
+            yield advance
+        finally:
+            _steps.pop(notice, None)
 
 
 @contextmanager

@@ -87,6 +87,7 @@ def test_results_name_the_largest_error():
         headline([replace(PASSED, observed=0.0)]) == "1 of 1 claim passed; no error larger than 0"
     )
     assert headline([small, FOUND, FOUND]) == "1 of 2 claims failed: bias"
+    assert headline([small, FOUND, OPEN]) == "1 of 3 claims failed: bias; 1 undecided"
     assert headline([OPEN]) == headline([]) == "nothing was decided"
     two = [replace(FOUND, subject=x) for x in ("M[0,1]", "qdd")]
     assert headline(two, "subject") == "2 of 2 quantities failed: M[0,1], qdd"
@@ -100,7 +101,7 @@ def test_results_are_printed_in_ten_lines_at_most():
     text = repr(Findings([PASSED, worse, *follows, *others, *skipped]))
     lines = text.splitlines()
     assert len(lines) <= 10 and max(map(len, lines)) <= 100
-    assert lines[0].startswith("19 of 20 claims failed: M, cause 0, ")
+    assert lines[0].startswith("19 of 29 claims failed: M, cause 0, ")
     assert lines[1] == "FAIL M of heavy (bias [au])"
     assert "and 9 further failures: cause 0 (other-0), cause 1 (other-1), " in text
     assert "skipped: open-0 [au]: needs T\nundecided too: open-1, open-2, open-3 and 5 more" in text

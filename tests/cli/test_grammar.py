@@ -398,6 +398,27 @@ def test_what_takes_long_says_so_once_and_what_does_not_says_nothing(monkeypatch
     assert said == "eomcheck: starting validate ...\neomcheck: checking 12 states ...\n"
 
 
+def test_in_a_pipe_what_goes_on_is_named_every_few_seconds_with_its_steps(monkeypatch, capsys):
+    monkeypatch.setattr(console, "PATIENCE", 0.02)
+    monkeypatch.setattr(console, "EVERY", 0.3)
+    notice, bar = "starting compare", "comparing at {state}"
+    with console.slow_work_notice(notice), console.progress(bar, 12) as advance:
+        advance()
+        advance()
+        time.sleep(0.5)
+    first, *later = capsys.readouterr().err.splitlines()
+    assert first in ("eomcheck: starting compare ...", "eomcheck: comparing at 12 states ...")
+    assert later and {*later} <= {
+        f"eomcheck: comparing at 12 states, 2 done ... {k} s" for k in range(60)
+    }
+    with console.slow_work_notice("starting fuzz"):
+        time.sleep(0.1)
+        console.report_progress("512 states")
+        time.sleep(0.5)
+    printed = capsys.readouterr()
+    assert (printed.err, printed.out) == ("eomcheck: starting fuzz ...\n", "512 states\n")
+
+
 def test_the_command_line_is_said_at_work(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["eomcheck", "list", "scenes"])
     monkeypatch.setattr(console, "PATIENCE", 0.0)

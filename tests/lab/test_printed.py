@@ -100,6 +100,41 @@ def test_the_smallest_failing_state_is_that_of_the_run_and_never_that_of_coverag
     assert " ".join(rows[2].as_python().split()) not in said
 
 
+def test_a_run_that_stopped_at_a_failure_says_so(capsys):
+    states = [at(SLEIGH, k) for k in range(2)]
+    run = ValidationRun([finding(states[0]), finding(states[1], "failed")], ends=[1, 2])
+    run.sampled = [SampledState(SLEIGH, state, ()) for state in states]
+    stopped = "sleigh: no further states were drawn after this failure: 2 states checked"
+    assert stopped not in said_of(capsys, {"sleigh": run})
+    run.minimal = run.findings[1]
+    assert stopped in said_of(capsys, {"sleigh": run})
+
+
+def test_claims_that_fail_by_one_formulation_are_one_block(capsys):
+    failing = [
+        kept("active-forces", subject="kane", verdict="failed"),
+        kept("kane-ml-force", subject="kane ~ ml", verdict="failed"),
+        kept("equivalence", subject="au ~ kane", verdict="failed"),
+        kept("equivalence", subject="kane ~ gw", verdict="failed"),
+        kept("power-balance", subject="em", verdict="failed"),
+        kept("mass-matrix", subject="casadi", verdict="failed"),
+        kept("bias", subject="casadi", verdict="failed"),
+        kept("multipliers", subject="kane", verdict="failed", scene="sleigh"),
+    ]
+    finding_output.print_failures(ClaimSummary((row,)) for row in failing[:2])
+    assert capsys.readouterr().out.endswith("     by kane too: kane-ml-force\n")
+    finding_output.print_failures(by_claim(failing))
+    said = capsys.readouterr().out
+    heads = [line.split()[1] for line in said.splitlines() if line.startswith("FAIL")]
+    assert len(heads) == 5 and said.count("by kane too: ") == 1
+    assert {"power-balance", "mass-matrix", "bias", "multipliers"} < {*heads}
+    (too,) = [line for line in said.splitlines() if "by kane too" in line]
+    (first,) = {*heads} - {"power-balance", "mass-matrix", "bias", "multipliers"}
+    assert {first, *too.partition(": ")[2].split(", ")} == {
+        *("active-forces", "kane-ml-force", "equivalence")
+    }
+
+
 def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
     state = at(SLEIGH, 0)
     of = {"claim": "coverage", "subject": "all", "detail": "1 of 9 drawn states was refused"}

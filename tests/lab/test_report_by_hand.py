@@ -279,11 +279,13 @@ def test_proofs_are_printed_with_what_was_started_over_and_how_sure_they_are(cap
     finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert ("an unfinished file of other settings or sources was started over" in said) == over
-    assert f"1 identity proved, {int(failed)} disproved on 1 of 1 structure Had any" in said
+    assert "Had any identity been false" in said
+    assert said.endswith(f"1 identity proved, {int(failed)} disproved on 1 of 1 structure")
     of.findings = {"a": rows[1:]}
     finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert said.endswith("0 identities proved, 1 disproved on 1 of 1 structure")
+    assert "Had any" not in said
     of.findings = {"a": []}
     finding_output.print_proofs(of)
     assert capsys.readouterr().out == "nothing was proved\n"

@@ -171,7 +171,8 @@ def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
     finding_output.print_proofs(of)
     said = " ".join(capsys.readouterr().out.split())
     assert "2 identities proved, 1 disproved on 2 of 3 structures (1 of them in an earlier" in said
-    assert "below 4.0e-20 (4 random points and primes each, seed 5)" in said
+    assert "below 4.0e-20 (4 random points and primes each). seed 5 2 identities" in said
+    assert said.endswith("1 disproved on 2 of 3 structures (1 of them in an earlier run)")
 
 
 def test_digits_are_the_fewest_and_the_median_of_each_formulation_and_scene():
@@ -325,7 +326,7 @@ def test_a_report_fails_by_one_failure_and_says_how_many_claims_were_checked():
     made.records.append(Record(PROOFS, {"scene": "snake"}))
     made.rows = [*FEW, kept("motion", verdict="inconclusive")]
     assert (made.verdict, made.structures) == ("failed", 1)
-    assert made.headline == "1 of 4 claims fails: energy-rate."
+    assert made.headline == "1 of 4 claims fails: energy-rate; 1 undecided."
     made = Overview([run_of("snake", "done")])
     made.rows = [kept(), kept("motion", verdict="inconclusive")]
     assert made.headline == "1 of 2 claims hold; on the others nothing could be checked."

@@ -140,6 +140,8 @@ def failure_lines(first: Any, *following: Any) -> Iterator[str]:
 def headline(findings: Sequence[Any], counts: str = "claim") -> str:
     """Return the verdict on all findings in one sentence.
 
+    All claims count, also those on which nothing was decided, which are named as undecided.
+
     Args:
         findings: `Finding`s or stored ones.
         counts: attribute of them that is counted, "claim" or "subject".
@@ -151,16 +153,16 @@ def headline(findings: Sequence[Any], counts: str = "claim") -> str:
     decided = [name for name, of in verdicts.items() if of & {*DECIDED}]
     if not decided:
         return "nothing was decided"
-    number = counted(len(decided), UNITS[counts])
+    number = counted(len(verdicts), UNITS[counts])
+    undecided = f"{len(verdicts) - len(decided)} undecided" if len(decided) < len(verdicts) else ""
     if failed:
         names = failed
         if counts == "claim" and any(getattr(one, "cause", "") for one in findings):
             names = list(dict.fromkeys(cause_name(group[0]) for group in causes_of(findings)))
-        return f"{len(failed)} of {number} failed: {', '.join(names)}"
-    open_ = len(verdicts) - len(decided)
-    number = counted(len(verdicts), UNITS[counts])
-    undecided = f", {open_} undecided" if open_ else ""
-    return f"{len(decided)} of {number} passed{undecided}; {_largest(findings)}"
+        others = f"; {undecided}" if undecided else ""
+        return f"{len(failed)} of {number} failed: {', '.join(names)}{others}"
+    others = f", {undecided}" if undecided else ""
+    return f"{len(decided)} of {number} passed{others}; {_largest(findings)}"
 
 
 def _largest(findings: Sequence[Any]) -> str:

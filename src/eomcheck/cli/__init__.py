@@ -31,7 +31,7 @@ from eomcheck.deprecated import current_options
 from eomcheck.errors import DiedError, EomcheckError, InputError, WorkerError, described_error
 from eomcheck.safe_output import unfailing_output
 
-SUPERVISED = "check", "validate", "fuzz"
+SUPERVISED = "check", "validate", "fuzz", "compare"
 """Commands that run a user's file, or call outside libraries by default."""
 
 for group in (bench, study, draw):

@@ -10,6 +10,7 @@ weighed by what they do to M, gravity and accelerations.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
@@ -1045,6 +1046,17 @@ QUANTITIES: dict[str, Callable[[ConformancePoint], Any]] = {
 # ---- Output --------------------------------------------------------------------------------------
 
 
+def _resolution_in_words(resolution: float) -> str:
+    """Return the reason why smaller differences between two robots do not count."""
+    if resolution <= EPS:
+        return "the rounding of float64"
+    digits = round(1 - math.log10(2 * resolution))
+    return (
+        f"the coarsest numbers of the files have {counted(digits, 'digit')}; smaller differences "
+        "may be the rounding of these"
+    )
+
+
 def print_robots(comparison: RobotComparison) -> None:
     """Print whether two robots are the same, and their differences, the largest first."""
     first, second = comparison.names
@@ -1059,6 +1071,7 @@ def print_robots(comparison: RobotComparison) -> None:
             f"{counted(len(comparison.matched), 'joint')}",
             "bold yellow" if unread else "bold green",
         )
+        say(f"{comparison.resolution:.0e}: {_resolution_in_words(comparison.resolution)}")
     for text in unread:
         say(f"not compared: {text}")
     if comparison.is_same:

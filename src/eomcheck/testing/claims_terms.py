@@ -331,9 +331,24 @@ def gravity_potential(at: FunctionState) -> Iterator[Comparison]:
         k, i = (row_names(at)[entry] for entry in worst)
         x, y = actual[worst], expected[worst]
         changes = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
-        return changes + sign_hint(x, y, allowed)
+        return wrong_row + changes + sign_hint(x, y, allowed)
 
+    wrong_row = _rows_without_potential(at) if is_supplied and at.has("U") else ""
     yield compare(at, "gravity", jacobian, jacobian.T, explain)
+
+
+def _rows_without_potential(at: FunctionState) -> str:
+    """Return which rows of gravity are not ∂U/∂q, as the beginning of a detail; "" if all or none
+    are.
+    """
+    gravity, expected = at.gravity(), at.U_q()
+    allowed = C * (gravity.error + expected.error)
+    wrong = np.abs(gravity.value - expected.value) > allowed
+    if wrong.all() or not wrong.any():
+        return ""
+    names = [name for name, flag in zip(row_names(at), wrong, strict=True) if flag]
+    differs = "rows {} differ" if len(names) > 1 else "row {} differs"
+    return f"{differs.format(', '.join(names))} from ∂U/∂q; "
 
 
 @function_claim(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from eomcheck import __version__
-from eomcheck.claims.finding import Finding
+from eomcheck.claims.finding import DECIDED, Finding
 from eomcheck.claims.findings import causes_of, failure_lines, headline
 from eomcheck.console import console
 from eomcheck.lab.show.table import say, write_json
@@ -46,10 +46,15 @@ def print_passed(names: Iterable[str]) -> None:
 
 
 def print_verdict(findings: Sequence[Any], counts: str = "claim") -> None:
-    """Print the sentence of `headline`: red where something failed, green where all passed."""
-    style = {"failed": "bold red", "passed": "bold green"}
+    """Print the sentence of `headline`: red where something failed, green where all passed, yellow
+    where something of it is undecided.
+    """
     verdicts = {one.verdict for one in findings}
-    say(headline(findings, counts), next((style[x] for x in style if x in verdicts), ""))
+    decided = {getattr(one, counts) for one in findings if one.verdict in DECIDED}
+    whole = decided == {getattr(one, counts) for one in findings}
+    passed = "bold green" if whole else "bold yellow"
+    style = "bold red" if "failed" in verdicts else passed if "passed" in verdicts else ""
+    say(headline(findings, counts), style)
 
 
 def print_failure(first: Any, *following: Any) -> None:

@@ -13,7 +13,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
@@ -37,6 +37,7 @@ from eomcheck.lab.report.overview import (
     digits_table,
     factor_table,
     participant_table,
+    participants,
     scene_table,
     worst_table,
 )
@@ -69,6 +70,12 @@ def print_runs(
     print_verdict(rows)
     claims = by_claim(rows)
     print_failures(claims)
+    for key, run in runs.items():
+        if run.minimal is not None:
+            say(
+                f"{key}: no further states were drawn after this failure: "
+                f"{counted(run.cases, 'state')} checked"
+            )
     print_unresolved(claims)
     print_skipped(claims)
     asked = any(CLAIMS[claim].asks for claim in selection.claims)
@@ -139,13 +146,55 @@ def _smallest(run: ValidationRun) -> Any:
 
 
 def print_failures(claims: Iterable[ClaimSummary]) -> None:
-    """Print the worst failed Finding of each claim on each scene, and the number of the others."""
+    """Print the worst failed Finding of each claim on each scene, and the number of the others.
+
+    Claims that fail by one formulation on a scene are one block: the first, and the names of those
+    after it.
+    """
+    blocks: list[_Block] = []
     for summary in claims:
         for failed in group(summary.failed, lambda row: row.scene).values():
-            row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
-            print_failure(row)
-            if others:
-                say(f"{INDENT}and {counted(others, 'further subject')} of this claim")
+            row = max(failed, key=lambda row: row.ratio)
+            common = _failing_formulations(failed)
+            same = [x for x in blocks if x.row.scene == row.scene and x.formulations & common]
+            if same:
+                k = blocks.index(same[0])
+                claims_too = (*same[0].claims_too, row.claim)
+                joined = same[0].formulations & common
+                blocks[k] = same[0]._replace(formulations=joined, claims_too=claims_too)
+            else:
+                blocks.append(_Block(row, len(failed) - 1, common))
+    for block in blocks:
+        print_failure(block.row)
+        if block.others:
+            say(f"{INDENT}and {counted(block.others, 'further subject')} of this claim")
+        if block.claims_too:
+            names = ", ".join(sorted(block.formulations))
+            say(f"{INDENT}by {names} too: {', '.join(block.claims_too)}")
+
+
+class _Block(NamedTuple):
+    """Block of a failure.
+
+    Attributes:
+        row: the worst failed Finding of a claim on a scene.
+        others: number of further subjects of this claim that fail.
+        formulations: keys that take part in every failure of the block.
+        claims_too: claims that fail by these formulations too.
+    """
+
+    row: StoredFinding
+    others: int
+    formulations: frozenset[str]
+    claims_too: tuple[str, ...] = ()
+
+
+def _failing_formulations(rows: Sequence[StoredFinding]) -> frozenset[str]:
+    """Return the formulations that take part in each of some failures, none if engines do."""
+    parties = [frozenset(participants(row)) for row in rows]
+    if not all(one <= FORMULATIONS.keys() for one in parties):
+        return frozenset()
+    return frozenset.intersection(*parties)
 
 
 def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[type[Engine]]) -> None:
@@ -216,7 +265,9 @@ def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
 
 
 def print_proofs(proofs: Proofs) -> None:
-    """Print the table, the total failure probability, and every disproof."""
+    """Print the table, what was skipped, the total failure probability, the seed, and last the
+    verdict.
+    """
     rows = [f for findings in proofs.findings.values() for f in findings]
     claims = by_claim(rows)
     if not claims:
@@ -232,6 +283,13 @@ def print_proofs(proofs: Proofs) -> None:
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")
     verdicts = group(rows, lambda row: row.verdict)
+    if "passed" in verdicts:
+        console.print(
+            f"Had any identity been false, all its points would have hidden it with a probability "
+            f"below {sum(s.failure_probability or 0.0 for s in claims):.1e} ({proofs.jobs.points} "
+            "random points and primes each)."
+        )
+    console.print(f"seed {proofs.seed}", style="dim")
     done, total = len(proofs.findings), len(proofs.jobs.scenes)
     failed = len(verdicts.get("failed", []))
     earlier = f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else ""
@@ -239,13 +297,6 @@ def print_proofs(proofs: Proofs) -> None:
         f"[bold {'red' if failed else 'green'}]"
         f"{counted(len(verdicts.get('passed', [])), 'identity')} proved, "
         f"{failed} disproved[/] on {done} of {counted(total, 'structure')}{earlier}"
-    )
-    if "passed" not in verdicts:
-        return
-    console.print(
-        f"Had any of them been false, all its points would have hidden it with a probability below "
-        f"{sum(s.failure_probability or 0.0 for s in claims):.1e} ({proofs.jobs.points} random "
-        f"points and primes each, seed {proofs.seed})."
     )
 
 

@@ -482,7 +482,9 @@ class Overview:
         if self.verdict == "failed":
             first = ", ".join(judged.claim.id for judged in self.failed)
             fails = "fails" if len(self.failed) == 1 else "fail"
-            return f"{len(self.failed)} {out_of} {fails}: {first}."
+            undecided = sum(judged.kind == "open" for judged in self.claims)
+            others = f"; {undecided} undecided" if undecided else ""
+            return f"{len(self.failed)} {out_of} {fails}: {first}{others}."
         if self.verdict == "not finished" and not self.claims:
             return "The run did not come to its end; no claim was checked."
         if self.verdict == "not finished":
