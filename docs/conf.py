@@ -31,9 +31,10 @@ from eomcheck.scenes import SCENES
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
 DEVIATIONS = DOCS / "conformance" / "deviations.toml"
-sys.path.insert(0, str(DOCS))  # for commands.py, formulas.py and pages.py
+sys.path.insert(0, str(DOCS))  # for commands.py, formulas.py, notebook_pages.py and pages.py
 
 from commands import command_reference  # noqa: E402
+from notebook_pages import notebook_pages  # noqa: E402
 
 project = "eomcheck"
 author = "The eomcheck developers"
@@ -380,6 +381,8 @@ def write_tables(app: Sphinx) -> None:
         write(name, text)
     for name, text in renamed_tables().items():
         write(f"renamed/{name}.md", text)
+    for name, text in notebook_pages().items():
+        write(f"notebooks/{name}.md", text)
 
 
 # ---- What must be complete -----------------------------------------------------------------------
