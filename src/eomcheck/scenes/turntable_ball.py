@@ -279,9 +279,16 @@ class TurntableBall(Parametric, functions=globals()):
         e2 = np.cross(e3, e1)
         foot = np.array([x, y, 0.0])
         center = foot + R * up
+        rim = np.cos(spin) * e3 + np.sin(spin) * e1
+        axes, turn = (np.cross(e2, rim), e2, rim), np.linspace(0.0, 2.0 * np.pi, 49)
+        marks = [
+            center + R * (np.outer(np.cos(turn), axes[i - 1]) + np.outer(np.sin(turn), axes[i - 2]))
+            for i in range(3)
+        ]  # great circles, by which one sees it turn
         parts = (
             draw.Disk(0.0 * up, up, 4.0 * R, "turntable"),
             *(*draw.fixed_axes(0.9 * R, 3), draw.Disk(center, up, R, "ball", ball=True)),
+            *(draw.Body([*mark], thin=True) for mark in marks),
             *(draw.Distance("x", y * north, foot), draw.Distance("y", x * east, foot)),
             draw.Angle("ψ", center, east, north, heading, 1.5 * R),
             draw.Arrow("", center, 1.7 * R * east),
