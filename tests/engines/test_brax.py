@@ -42,7 +42,10 @@ def test_a_free_base_and_joints_that_brax_moves_to_the_end_are_mapped(tmp_path):
     claims = (*CLAIMS, *FRAMES[::2], "engine-acceleration")
     own = own_findings(Brax64Mjcf, scene, claims)
     assert failed(own) == []
-    assert {x.verdict for x in own} == {"passed"}
+    # Brax merges the mount into its parent.
+    left_out = {str(x).partition(": ")[2] for x in own if x.verdict == "skipped"}
+    assert left_out == {"its model has no frame of link world, mount"}
+    assert {*CLAIMS, *FRAMES[::2], "engine-acceleration"} <= passed(own)
 
 
 def test_dampers_of_a_file_are_in_forces_and_accelerations_and_nowhere_else(tmp_path):
