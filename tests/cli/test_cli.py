@@ -462,7 +462,7 @@ def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
     )
     printed = capsys.readouterr().out
     assert "0 disproved on 5 of 5 structures" in printed
-    assert "2 random points and primes each, seed 7" in printed
+    assert "2 random points and primes each).\nseed 7\n" in printed
     assert "equivalence" in printed and "bits" in printed
 
 
