@@ -162,7 +162,8 @@ def _draw_rows(
     letters = int((WIDTH / across - 0.45) / LETTER)
     for (i, j), panel in panels.items():
         axes = grid[i, j]
-        tick(axes.xaxis, panel.x, most=5 if across == 1 else 4)
+        wide = bool(panel.x.unit) and across > 2  # labels with a unit
+        tick(axes.xaxis, panel.x, most=5 if across == 1 else 2 if wide else 4)
         tick(axes.yaxis, panel.y)
         axes.set_title(fill(axes.get_title(), letters))
         axes.set_ylabel(fill(axes.get_ylabel(), int((heights[i] - 0.3) / LETTER)))

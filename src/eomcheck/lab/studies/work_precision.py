@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from math import isnan
 from typing import Annotated
@@ -59,6 +59,9 @@ AGAINST = {
     "seconds": Axis("run time", log=True, unit="s"),
     "right-hand sides": Axis("right-hand sides", log=True),
 }
+MARGIN = 1.3
+"""Factor by which an abscissa reaches beyond the cheapest and the dearest run."""
+
 NOTHING = 1e-17
 """Ordinate at which errors of exactly 0 are drawn."""
 
@@ -314,11 +317,12 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
         errors = errors_shown(done)
         floor = max((r.errors["floor"] for r in done), default=NOTHING)
         lowest = max(NOTHING, min((r.errors["final"] for r in done), default=NOTHING)) / 5
+        axes = {key: _axis_of(done, key) for key in AGAINST}
         panels = {}
         for (error, label), against, integrator in product(errors.items(), AGAINST, integrators):
             final = error == "final"
             panels[integrator, label, AGAINST[against].title] = Panel(
-                AGAINST[against],
+                axes[against],
                 Axis(label, log=True, range=(lowest, None) if final else None),
                 _lines(select(done, integrator=integrator), error, against),
                 integrator,
@@ -344,12 +348,22 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
         )
 
 
+def _axis_of(records: Sequence[Record], against: str) -> Axis:
+    """Return the abscissa that the panels of all integrators share."""
+    axis, x = AGAINST[against], [_cost(record, against) for record in records]
+    return axis._replace(range=(min(x) / MARGIN, max(x) * MARGIN)) if x else axis
+
+
+def _cost(record: Record, against: str) -> float:
+    return _seconds(record) if against == "seconds" else record.counts[against]
+
+
 def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
     timed, lines = against == "seconds", []
     for key, found in by_setting(select(records), "formulation").items():
         mine = sorted(found, key=lambda r: -r.settings["tolerance"])
         hollow = [timed and was_contended(r) for r in mine]
-        x = _seconds if timed else lambda r: r.counts[against]
+        x = partial(_cost, against=against)
         y = lambda r: max(r.errors[error], NOTHING)  # noqa: E731
         lines.append(line_of(key, mine, x, y, _hover_text, hollow=hollow))
     return lines
