@@ -134,7 +134,7 @@ def drawn(records: list[Record], which: int = 0, scene: int = 0) -> Any:
     return figure
 
 
-def test_each_of_several_scenes_has_a_figure_of_its_own_with_a_row_an_integrator():
+def test_each_of_several_scenes_has_a_figure_of_its_own_with_a_column_an_integrator():
     other = [
         record("kane", 1e-3, 1e-4, reference="free-3"),
         record("gw", 7e-3, 1e-5, "BDF", "free-3"),
@@ -152,8 +152,9 @@ def test_each_of_several_scenes_has_a_figure_of_its_own_with_a_row_an_integrator
         (legend,) = figure.legends
         assert [text.get_text().partition(":")[0] for text in legend.get_texts()] == keys
         assert len(figure.axes) == 3 * 3  # integrators, errors
-        first = figure.axes[::3]
+        first = figure.axes[:3]
         assert [axes.get_title() for axes in first] == ["DOP853", "Radau", "BDF"]
+        assert len({axes.get_xlim() for axes in figure.axes}) == 1
         points.append(sum(len(line.get_xdata()) for axes in first for line in axes.lines))
     assert points == [6, 2]
 
