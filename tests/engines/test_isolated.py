@@ -71,7 +71,6 @@ BLOCKED = (
 BLOCKING = f"""
 import importlib.abc
 import sys
-import threading
 class Blocked(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in {BLOCKED}:
@@ -318,7 +317,6 @@ def test_a_comparison_with_a_library_that_dies_is_complete():
 
 ORPHAN = """
 import os, sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from eomcheck.engines import isolation
 from eomcheck.scenes import ChainPendulum

@@ -15,12 +15,14 @@ from tests.scenes.sdf_texts import sdf_text
 
 import eomcheck
 from eomcheck.claims.proof import prove
+from eomcheck.descriptions import sdf_reader
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, hinge, pin, weld
 from eomcheck.descriptions.random_trees import urdf_tree
 from eomcheck.descriptions.sdf_reader import sdf_kind
 from eomcheck.descriptions.urdf_reader import read_urdf
 from eomcheck.descriptions.vector_algebra import roll_pitch_yaw, roll_pitch_yaw_of, rotation_matrix
+from eomcheck.engines.file_engine import read_description
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries
@@ -404,7 +406,7 @@ def test_the_identities_of_a_robot_are_proved(tmp_path: Path):
 # ---- What is left out, doubted, refused ----------------------------------------------------------
 
 
-def test_what_is_left_out_is_said(tmp_path: Path):
+def test_ignored_parts_are_counted_in_one_sentence(tmp_path: Path):
     axis = (
         "<axis><limit><lower>-1</lower><upper>1</upper></limit><dynamics><friction>1</friction>"
         "</dynamics></axis><sensor/><physics/>"
@@ -434,6 +436,13 @@ def test_what_is_left_out_is_said(tmp_path: Path):
     [
         ("<pose>0 0 2 0.4 0 0</pose>", "<pose>0 0 2 90 0 0</pose>", "in degrees? 'a'"),
         ("<pose>0 0 2 0.4 0 0</pose>", '<pose degrees="1">0 0 2 90 0 0</pose>', ""),
+        ("<pose>0.1 0.2 0.3 0 0 0", "<pose>0.1 0.2 0.3 0 0 45", "in degrees? 'a'"),
+        (
+            '<link name="b">',
+            '<link name="b"><visual name="v"><pose>0 0 0 0 0 90</pose><geometry><sphere>'
+            "<radius>1</radius></sphere></geometry></visual>",
+            "",
+        ),
         ("<mass>2</mass>", "<mass>0</mass>", "Inertia without mass: 'a'."),
         ("<mass>2</mass>", "", "Mass 1 kg or moments 1 kg m² by default: 'a'."),
         (INERTIAL, "", "Mass 1 kg or moments 1 kg m² by default: 'a'."),
@@ -447,7 +456,7 @@ def test_what_is_left_out_is_said(tmp_path: Path):
         ),
     ],
 )
-def test_doubtful_numbers_are_taken_and_said(tmp_path: Path, old: str, new: str, doubt: str):
+def test_doubtful_numbers_are_used_and_named(tmp_path: Path, old: str, new: str, doubt: str):
     assert old in HINGE
     scene = from_sdf(written(tmp_path, model(HINGE.replace(old, new, 1))))
     assert doubt in scene.source.warnings if doubt else scene.source.warnings == ""
@@ -545,7 +554,7 @@ def test_a_file_without_a_robot_is_refused(tmp_path: Path, text: str, said: str)
         from_sdf(written(tmp_path, text))
 
 
-@pytest.mark.parametrize("version", ["1.3", "1.13", "2.0", "x"])
+@pytest.mark.parametrize("version", ["1.3", "1.13", "2.0", "x", "1.\N{SUPERSCRIPT SEVEN}"])
 def test_another_version_is_refused(tmp_path: Path, version: str):
     with pytest.raises(InputError, match=rf"is of SDFormat {version}, expected 1.4 to 1.12"):
         from_sdf(written(tmp_path, model(SOUND), version))
@@ -565,6 +574,56 @@ def test_a_large_file_is_refused_at_once(tmp_path: Path, text: str, said: str):
     with pytest.raises(InputError, match=said):
         from_sdf(written(tmp_path, model(inside + ends)))
     assert time.process_time() - start < 5.0
+
+
+FRAMES = 300
+CHAIN = "".join(
+    f'<frame name="f{i}" attached_to="f{i + 1}"><pose relative_to="f{i + 1}"/></frame>'
+    for i in range(FRAMES)
+)
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        (
+            f'{CHAIN}<frame name="f{FRAMES}"/>{link("a200")}'
+            + "".join(
+                link(f"a{i}", f'<pose relative_to="f{i % 2 * (FRAMES - 1)}"/>')
+                + joint("fixed", "", f"j{i}", f"a{i} a{i + 1}")
+                for i in range(200)
+            ),
+            "frames refer to others in chains of more than 20000 in all",
+        ),
+        (f'<model name="{"n" * 10**6}">{"<link/>" * 5000}</model>', "the names of a model and"),
+    ],
+)
+def test_long_chains_of_frames_and_long_names_are_refused_at_once(
+    tmp_path: Path, monkeypatch, inside: str, said: str
+):
+    monkeypatch.setattr(sdf_reader, "MOST_ELEMENTS", 20_000)
+    start = time.process_time()
+    with pytest.raises(InputError, match=said):
+        from_sdf(written(tmp_path, model(inside)))
+    assert time.process_time() - start < 5.0
+
+
+def test_a_root_that_a_loop_alone_holds_is_free_or_refused(tmp_path: Path):
+    bodies = link("a") + link("b", "<pose>1 0 0 0 0 0</pose>")
+    loop = joint("revolute", name="k", ends="a b") + joint("ball", "", "l", "world b")
+    path = written(tmp_path, model(bodies + loop))
+    with pytest.raises(InputError, match="only joint 'l', which closes a loop, holds the root 'a'"):
+        from_sdf(path)
+    free = robot_named(f"{path}:floating")()
+    assert (free.n, free.r) == (7, 3)
+
+
+def test_axes_of_the_model_are_those_of_old_files_alone(tmp_path: Path):
+    by_model = "<axis><use_parent_model_frame>1</use_parent_model_frame></axis>"
+    text = SOUND.replace("<axis/>", by_model, 1)
+    assert from_sdf(written(tmp_path, model(text), "1.6")).source.ignored == ""
+    new = from_sdf(written(tmp_path, model(text)))
+    assert new.source.ignored == "Ignored: use_parent_model_frame (1)."
 
 
 def test_a_root_that_is_held_is_not_free(tmp_path: Path):
@@ -604,6 +663,31 @@ def test_drake_reads_the_same_robot_from_a_file(tmp_path: Path, floating: bool):
     terms = "mass-matrix", "bias", "generalized-forces"
     compared = compare_libraries(scene, ["drake"], states=3, claims=terms)
     assert compared.libraries["drake"].verdict == "agrees", compared.readings("")
+
+
+@pytest.mark.parametrize(
+    ("inside", "root"),
+    [
+        (link("b") + link("a") + joint("revolute", ends="a b"), "a"),
+        (
+            link("b") + link("a", PLACES) + '<frame name="f" attached_to="b"/>'
+            '<frame name="g" attached_to="a"/>' + joint("revolute", ends="g f"),
+            "a",
+        ),
+        (link("a") + joint("revolute"), "world"),
+    ],
+)
+def test_the_root_of_a_description_does_not_depend_on_the_frames_that_joints_name(
+    tmp_path: Path, inside: str, root: str
+):
+    assert read_description(written(tmp_path, model(inside)), "sdf").root == root
+
+
+def test_the_leader_of_a_follower_of_a_second_axis_is_the_coordinate_of_that_axis(tmp_path: Path):
+    universal = joint("universal", "<axis/><axis2><xyz>0 1 0</xyz></axis2>", "u")
+    follower = joint("revolute", '<axis><mimic joint="u" axis="axis2"/></axis>', "k", "a b")
+    path = written(tmp_path, model(link("a") + link("b") + universal + follower))
+    assert read_description(path, "sdf").follows == {"k": ("u_axis2", 1.0, 0.0)}
 
 
 def test_drake_takes_no_file_that_it_reads_otherwise(tmp_path: Path):

@@ -37,6 +37,7 @@ from eomcheck.descriptions.mjcf_reader import FILES, triple_of
 from eomcheck.descriptions.urdf_reader import (
     FLOATING,
     MAX_FILE_ELEMENTS,
+    MOST_ELEMENTS,
     WORLD,
     Element,
     Format,
@@ -74,13 +75,14 @@ from eomcheck.safe_output import listed
 SDF = Format("SDF", ("sdf",))
 
 OLDEST, NEWEST = 4, 12
-"""Range of minor versions of SDFormat 1 that are read."""
+MINORS = {str(minor): minor for minor in range(OLDEST, NEWEST + 1)}
+"""Minor versions of SDFormat 1 that are read."""
 
-UNFRAMED = 7
-"""Minor version from which on poses and axes name frames; before, axes may be along the model's."""
+FRAMED = 7
+"""First minor version with poses and axes in named frames; before, axes may be the model's."""
 
 GAZEBO_GRAVITY: Triple = (0.0, 0.0, -9.8)
-"""Gravity of a world that does not say it."""
+"""Gravity of a world without <gravity>."""
 
 STANDARD_GRAVITY: Triple = (0.0, 0.0, -9.81)
 """Gravity of a model outside of a world, as of a URDF."""
@@ -92,6 +94,9 @@ KINDS = ("revolute", "continuous", "prismatic", "fixed", "ball", "universal", "r
 
 ENDLESS = 1e15
 """Smallest coordinate of a limit that is none."""
+
+LONGEST = 1000
+"""Largest number of characters in the names of a model and of those that contain it."""
 
 SCENERY = {
     "actor": "actors",
@@ -231,11 +236,11 @@ def read_sdf(path: Path, model: str | None = None, floating: bool = False) -> Ro
     root = root_of(path, SDF)
     version = text_attribute(root, "version", repr(str(path)))
     major, _, minor = version.partition(".")
-    if major != "1" or not minor.isdigit() or not OLDEST <= int(minor) <= NEWEST:
+    if major != "1" or minor not in MINORS:
         wanted = f"expected 1.{OLDEST} to 1.{NEWEST}"
         raise Unreadable(f"{str(path)!r} is of SDFormat {version}, {wanted}")
     chosen, world = model_in(root, path, model)
-    return _SdfReader(path, int(minor)).model(chosen, world, floating)
+    return _SdfReader(path, MINORS[minor]).model(chosen, world, floating)
 
 
 def model_in(root: Element, path: Path, name: str | None) -> tuple[Element, Element | None]:
@@ -270,6 +275,8 @@ class _SdfReader:
         self.path, self.minor, self.out = path, minor, Counter[str]()
         self.frames: dict[str, _Frame] = {WORLD: _Frame(STILL, "", WORLD, repr(str(path)))}
         self.depths: dict[str, int] = {WORLD: 0}
+        self.steps = 0
+        """Number of steps from a frame to the one that it refers to."""
         self.placed: dict[str, list[_Placed]] = {"link": [], "joint": []}
         self.links: list[Link] = [Link(WORLD)]
         self.joints: list[Joint] = []
@@ -337,6 +344,11 @@ class _SdfReader:
 
     def _add_model(self, model: Element, outer: _Scope, key: str, where: str) -> None:
         """Add the frames of a model and of all that it contains."""
+        if len(where) > len(str(self.path)) + LONGEST:
+            raise Unreadable(
+                f"{str(self.path)!r}: the names of a model and of those that contain it have more "
+                f"than {LONGEST} characters"
+            )
         if _flag(model, "static", where):
             raise Unreadable(f"{where} is static: nothing in it moves")
         if model.find("include") is not None:
@@ -348,7 +360,7 @@ class _SdfReader:
         for tag in "link", "joint":
             for element in model.findall(tag):
                 # Before SDFormat 1.7 a link may have the name of the world, and is the world.
-                if self.minor >= UNFRAMED or (tag, element.get("name")) != ("link", WORLD):
+                if self.minor >= FRAMED or (tag, element.get("name")) != ("link", WORLD):
                     self._add_framed(tag, element, scope, where)
         for element in model.findall("frame"):
             self._add_frame(element, scope, where)
@@ -387,17 +399,20 @@ class _SdfReader:
         self.frames[key] = frame
 
     def _pose(
-        self, element: Element, scope: _Scope, default: str, where: str
+        self, element: Element, scope: _Scope, default: str, where: str, name: str = ""
     ) -> tuple[RelativePose, str]:
-        """Return the pose of an element, and the key of the frame in which it is."""
+        """Return the pose of an element, by default of its name, and the key of its frame."""
         pose = single_child(element, "pose", where)
         if pose is None:
             return STILL, default
         base = pose.get("relative_to") or pose.get("frame") or ""
-        return self._pose_of(pose, element, where), scope.key(base) if base else default
+        read, angles = self._pose_of(pose, where)
+        if angles:
+            self.angles.append((name or element.get("name", ""), angles))
+        return read, scope.key(base) if base else default
 
-    def _pose_of(self, pose: Element, element: Element, where: str) -> RelativePose:
-        """Return the numbers of a pose."""
+    def _pose_of(self, pose: Element, where: str) -> tuple[RelativePose, str]:
+        """Return the numbers of a pose, and its angles in radians as text."""
         form, text = pose.get("rotation_format", "euler_rpy"), (pose.text or "").split()
         count = {"euler_rpy": 6, "quat_xyzw": 7}.get(form)
         if count is None:
@@ -411,12 +426,11 @@ class _SdfReader:
             if not any(turn):
                 raise Unreadable(f"{where}: <pose> has a quaternion of length 0")
             i, j, k, w = turn
-            return RelativePose(np.array([x, y, z]), of_length_one((w, i, j, k)))
+            return RelativePose(np.array([x, y, z]), of_length_one((w, i, j, k))), ""
+        angles = " ".join(text[3:])
         if _is_true(pose.get("degrees", "false"), f"{where}: degrees of <pose>"):
-            turn = [math.radians(angle) for angle in turn]
-        else:
-            self.angles.append((element.get("name", ""), " ".join(text[3:])))
-        return RelativePose(np.array([x, y, z]), roll_pitch_yaw(turn[0], turn[1], turn[2]))
+            turn, angles = [math.radians(angle) for angle in turn], ""
+        return RelativePose(np.array([x, y, z]), roll_pitch_yaw(turn[0], turn[1], turn[2])), angles
 
     def _known(self, key: str, where: str) -> _Frame:
         """Return the frame of a key.
@@ -430,6 +444,14 @@ class _SdfReader:
             raise Unreadable(f"{where} refers to {name!r}, no link, joint, frame or model{hint}")
         return self.frames[key]
 
+    def _step(self, where: str) -> None:
+        """Count a step; a file with long chains of frames would take hours otherwise."""
+        self.steps += 1
+        if self.steps > MOST_ELEMENTS:
+            raise Unreadable(
+                f"{where}: frames refer to others in chains of more than {MOST_ELEMENTS} in all"
+            )
+
     def _depth(self, key: str, where: str) -> int:
         """Return the number of frames between a frame and the world."""
         chain: dict[str, None] = {}
@@ -437,6 +459,7 @@ class _SdfReader:
             if key in chain:
                 raise Unreadable(f"{where}: the pose of {key!r} is relative to itself")
             chain[key] = None
+            self._step(where)
             frame = self._known(key, where)
             key, where = frame.base, frame.where
         depth = self.depths[key]
@@ -449,6 +472,7 @@ class _SdfReader:
         depth, other_depth = self._depth(key, where), self._depth(other, where)
         pose = back = STILL
         while key != other:
+            self._step(where)
             if depth >= other_depth:
                 pose, key, depth = self.frames[key].pose @ pose, self.frames[key].base, depth - 1
             else:
@@ -458,7 +482,7 @@ class _SdfReader:
 
     def _within(self, key: str, model: str, where: str) -> RelativePose:
         """Return the pose of a frame in its model, whose own pose is not known yet."""
-        self.frames[model] = _Frame(STILL, WORLD, WORLD, where)
+        self._add(model, _Frame(STILL, WORLD, WORLD, where))
         try:
             return self._relative(key, model, where)
         finally:
@@ -472,6 +496,7 @@ class _SdfReader:
             if key in visited:
                 raise Unreadable(f"{where}: {key!r} is attached to itself")
             visited.add(key)
+            self._step(where)
             key = body
         return key
 
@@ -516,7 +541,7 @@ class _SdfReader:
             names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
             defaults = zip(names, moments, strict=True)
             moments = [_number(inertia, name, where, default) for name, default in defaults]
-        pose, base = self._pose(inertial, link.scope, link.key, where)
+        pose, base = self._pose(inertial, link.scope, link.key, where, link.key)
         if base != link.key:
             raise Unreadable(f"{where}: the pose of <inertial> is in another frame than the link")
         xx, yy, zz, xy, xz, yz = moments
@@ -538,7 +563,7 @@ class _SdfReader:
         if kind is None or (pose is not None and pose.get("relative_to")):
             return None
         try:
-            place = STILL.place if pose is None else self._pose_of(pose, pose, "").place
+            place = STILL.place if pose is None else self._pose_of(pose, "")[0].place
             return shape_reach(kind.tag, triple_of(place), lambda name: kind.findtext(name) or "")
         except Unreadable:  # shapes are not read otherwise
             return None
@@ -660,7 +685,8 @@ class _SdfReader:
         where = joint.where
         if axis is None:
             raise Unreadable(f"{where} has no <axis{'2' if name.endswith('_axis2') else ''}>")
-        read = frozenset({"xyz", "dynamics", "mimic", "use_parent_model_frame", "limit"})
+        old, of_model = self.minor < FRAMED, "use_parent_model_frame"
+        read = frozenset({"xyz", "dynamics", "mimic", "limit"}) | ({of_model} if old else set())
         self._leave_out(axis, OF_AXIS, read, where)
         limit = axis.find("limit")
         if limit is not None and any(map(_bounds, (limit.find("lower"), limit.find("upper")))):
@@ -670,8 +696,7 @@ class _SdfReader:
             along = _triple(axis, "xyz", where, along)
             self.axes.append((name, xyz.text or ""))
         turn = own.turn
-        by_model = _flag(axis, "use_parent_model_frame", where, self.minor < OLDEST + 1)
-        if self.minor < UNFRAMED and by_model:
+        if old and _flag(axis, of_model, where, self.minor == OLDEST):
             turn = self._relative(joint.scope.own, self._body_of_child(joint), where).turn
         elif xyz is not None and (frame := xyz.get("expressed_in", "")):
             key = joint.scope.key(frame)
@@ -753,6 +778,11 @@ class _SdfReader:
         if len(roots) != 1:
             self.links.pop(0)  # refused later
             return {}
+        ground = [x.name for x in self.constraints if WORLD in [link for link, _ in x.points]]
+        if ground and not floating:
+            file = f"{self.path}:{FLOATING}"
+            only = f"only joint {ground[0]!r}, which closes a loop, holds the root {roots[0]!r}"
+            raise Unreadable(f"{where}: {only}; {file!r} sets it free")
         (root,) = roots
         pose = self._relative(root, WORLD, where)
         if floating:

@@ -246,7 +246,7 @@ class RobotDescription(NamedTuple):
 
 
 NO_URDF = RobotDescription("", GROUND, {}, frozenset(), (), (), ())
-"""Description without what only URDFs and SDFs have."""
+"""Description of a file of another format than URDF and SDF."""
 
 
 def file_of(scene: Scene, format: str = "urdf") -> Path | None:
@@ -324,16 +324,12 @@ def read_description(path: Path, format: str = "urdf", floating: bool = False) -
     """
     if format == "urdf":
         robot, xml, parts = read_urdf(path), root_of(path), SHAPES
-        children = {joint.child for joint in robot.joints}
-        root = next(link.name for link in robot.links if link.name not in children)
-        names, follows = {link.name for link in robot.links}, dict(_mimics(xml))
+        names, follows = tuple(link.name for link in robot.links), dict(_mimics(xml))
     else:
         robot, xml, parts = read_sdf(path, floating=floating), root_of(path, SDF), OF_GAZEBO
-        joints, names = list(xml.iter("joint")), {*robot.bodies}
-        ends = [{x.findtext(tag, "").strip() for x in joints} for tag in ("parent", "child")]
-        children, follows = ends[1], dict(_sdf_mimics(joints))
-        held = WORLD in ends[0]
-        root = WORLD if held else next(x for x in robot.bodies if x not in children)
+        names, follows = robot.bodies, dict(_sdf_mimics(xml.iter("joint")))
+    children = {x.child for x in robot.joints if format == "urdf" or not _places_root(x)}
+    root = next((name for name in names if name not in children), WORLD)
     for element in [*xml.iter()]:
         for part in [x for kind in parts for x in element.findall(kind)]:
             element.remove(part)
@@ -363,12 +359,22 @@ def _mimics(xml: Element) -> Iterator[tuple[str, tuple[str, float, float]]]:
 
 def _sdf_mimics(joints: Iterable[Element]) -> Iterator[tuple[str, tuple[str, float, float]]]:
     """Yield the joints of an SDF with one axis that follow others, as `_mimics` does."""
+    joints = [*joints]
+    several = {x.get("name") for x in joints if x.get("type") in ("universal", "revolute2")}
     for joint in joints:
         mimic = joint.find("axis/mimic")
         if mimic is not None and joint.get("type") in ("revolute", "continuous", "prismatic"):
             defaults = {"multiplier": 1.0, "offset": 0.0, "reference": 0.0}
             ratio, shift, at = (float(mimic.findtext(x) or y) for x, y in defaults.items())
-            yield joint.get("name", ""), (mimic.get("joint", ""), ratio, shift - ratio * at)
+            leader = mimic.get("joint", "")
+            if leader in several:
+                leader = f"{leader}_{mimic.get('axis', 'axis')}"
+            yield joint.get("name", ""), (leader, ratio, shift - ratio * at)
+
+
+def _places_root(joint: Joint) -> bool:
+    """Return whether a joint of an SDF is none of the file, but holds its root or sets it free."""
+    return joint.parent == WORLD and joint.name in (joint.child, f"{joint.child} fixed")
 
 
 def _damped(joint: Joint) -> bool:

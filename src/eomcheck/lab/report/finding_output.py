@@ -265,7 +265,7 @@ def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
 
 
 def print_proofs(proofs: Proofs) -> None:
-    """Print the table, what was skipped, the total failure probability, the seed, and last the
+    """Print the table, the skipped claims, the failure probability in all, the seed, and last the
     verdict.
     """
     rows = [f for findings in proofs.findings.values() for f in findings]

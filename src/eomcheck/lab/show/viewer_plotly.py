@@ -520,7 +520,7 @@ def sketch_html(sketch: s.Sketch, names: Collection[str], title: str) -> str:
     Args:
         sketch: the mechanism in a pose.
         names: names of the coordinates.
-        title: what it shows, as plain text.
+        title: its content, as plain text.
     """
 
     def address(dark: bool) -> str:
