@@ -165,7 +165,7 @@ def test_a_page_opens_with_a_sentence_about_what_it_is_for(part: str):
 
 def test_every_page_is_in_one_part():
     paths = [page for pages in PARTS.values() for page in pages]
-    folders = ("theory", "scenes", "api", "figures", "paper-joss")
+    folders = ("theory", "scenes", "api", "figures", "paper-joss", "notebooks")
     children = {page for page in PAGES if page.parent.name in folders}
     children |= {page for page in PAGES if page.stem == "verified-equivalences"}
     outside = {DOCS / "index.md", README}
