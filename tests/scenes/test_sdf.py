@@ -608,6 +608,26 @@ def test_long_chains_of_frames_and_long_names_are_refused_at_once(
     assert time.process_time() - start < 5.0
 
 
+def test_joints_between_other_models_of_a_world_are_left_out(tmp_path: Path):
+    others = "".join(f'<model name="{x}">{link("c")}</model>' for x in "no")
+    joints = joint("fixed", "", "x", "n::c o::c") + joint("fixed", "", "y", "world n::c")
+    text = f'<world name="w">{model(SOUND)}{others}{{}}</world>'
+    scene = from_sdf(written(tmp_path, text.format(joints), "1.11"), model="m")
+    assert scene.coordinate_names == ("j", "k")
+    assert "joints of other models (2), other models (2)" in scene.source.ignored
+    with pytest.raises(InputError, match="'x' refers to 'n::c', no link"):
+        from_sdf(written(tmp_path, text.format(joint("fixed", "", "x", "m::b n::c"))), model="m")
+
+
+def test_a_ball_with_a_spring_or_a_leader_is_refused(tmp_path: Path):
+    spring = "<dynamics><spring_stiffness>2</spring_stiffness></dynamics>"
+    for inside in (spring, '<mimic joint="j"/>'):
+        ball = joint("ball", f"<axis>{inside}</axis>", "k", "a b")
+        text = model(link("a") + link("b") + joint("revolute") + ball)
+        with pytest.raises(InputError, match="'k' is a ball with a spring or a leader, expected"):
+            from_sdf(written(tmp_path, text))
+
+
 def test_a_root_that_a_loop_alone_holds_is_free_or_refused(tmp_path: Path):
     bodies = link("a") + link("b", "<pose>1 0 0 0 0 0</pose>")
     loop = joint("revolute", name="k", ends="a b") + joint("ball", "", "l", "world b")

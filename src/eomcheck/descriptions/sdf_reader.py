@@ -339,8 +339,13 @@ class _SdfReader:
         self._leave_out(world, SCENERY, frozenset({"model", "joint", "frame", "gravity"}), where)
         for frame in world.findall("frame"):
             self._add_frame(frame, scope, where)
+        others = {x.get("name", "") for x in world.findall("model")} - {scope.others[0]}
         for joint in world.findall("joint"):
-            self._add_framed("joint", joint, scope, where)
+            ends = {_text(joint, tag, where).partition("::")[0] for tag in ("parent", "child")}
+            if ends & others and ends <= others | {WORLD}:
+                self.out["joints of other models"] += 1
+            else:
+                self._add_framed("joint", joint, scope, where)
 
     def _add_model(self, model: Element, outer: _Scope, key: str, where: str) -> None:
         """Add the frames of a model and of all that it contains."""
@@ -665,7 +670,11 @@ class _SdfReader:
                 return
             case "ball":
                 if first is not None:
-                    yield self._axis(first, joint, name, "revolute", own)
+                    one = self._axis(first, joint, name, "revolute", own)
+                    if one.stiffness is not None or one.mimics is not None:
+                        wanted = "expected a damper at most"
+                        raise Unreadable(f"{where} is a ball with a spring or a leader, {wanted}")
+                    yield one
             case "universal" | "revolute2":
                 yield self._axis(first, joint, f"{name}_axis", "revolute", own)
                 yield self._axis(second, joint, f"{name}_axis2", "revolute", own)
