@@ -415,6 +415,41 @@ def test_a_spring_about_any_axis_pulls_along_the_shortest_rotation_to_its_rest(k
     assert pytest.approx(forces, rel=1e-12, abs=1e-12) == at.terms.Q
 
 
+def test_springs_of_several_gimbals_rest_each_where_its_joint_says():
+    """One number is the rest of all three slides of a floating joint."""
+    random = np.random.default_rng(0)
+    rests = random.uniform(-1.0, 1.0, (2, 4))
+    first, second = (tuple(rest.tolist()) for rest in rests)
+    joints = [
+        elements.Joint(
+            *("free", "floating", "ground", "a"),
+            stiffness=2.0,
+            rest_position=0.3,
+            rest_orientation=first,
+        ),
+        elements.Joint("ball", "spherical", "a", "b", stiffness=5.0, rest_orientation=second),
+    ]
+    scene = mechanism("Sprung", [GROUND, rod("a"), rod("b")], joints, gravity=None)()
+    q = random.uniform(-1.0, 1.0, scene.n)
+    at = Evaluation(scene, q, np.zeros(scene.n))
+    turned = Rotation.from_euler("ZYX", [q[3:6], q[6:]])
+    squares = (turned * Rotation.from_quat(np.roll(rests, -1, axis=1)).inv()).magnitude() ** 2
+    energy = np.sum((q[:3] - 0.3) ** 2) + squares @ [1.0, 2.5]
+    assert scene.potential(at.parameters, at.prepared, q) == pytest.approx(energy, rel=1e-12)
+
+
+def test_the_series_of_an_angle_is_exact_to_rounding_up_to_half_a_turn():
+    """Of an eighth of it, where 1 - cos is y."""
+    y = np.linspace(0.0, 2.0 * np.sin(np.pi / 16) ** 2, 100)[1:]
+    angle, sine = 2.0 * np.arcsin(np.sqrt(y / 2.0)), np.sqrt(y * (2.0 - y))
+    for numerators, expected in (
+        (forces.ANGLE_SQUARED, angle**2 / (2.0 * y)),
+        (forces.ANGLE_BY_SINE, angle / sine),
+    ):
+        series = forces._series(numerators, y)
+        np.testing.assert_allclose(series, expected, rtol=4 * EPS, atol=0.0)
+
+
 class Motor(Described, description=lambda parameters: _motor(parameters), closed=True):
     """A lever about an axis that points down, and a motor."""
 

@@ -188,6 +188,21 @@ def test_the_frame_of_a_model_may_be_placed_by_one_of_its_frames(tmp_path: Path)
     assert scene.source.frames[0].name == "a"
 
 
+def test_the_frame_that_places_a_nested_model_is_known_in_its_place(tmp_path: Path):
+    tip = link("tip") + '<frame name="f"><pose>0 0 0.5 0.2 0 0</pose></frame>'
+    pose = '<pose relative_to="a">0 0 1 0 0.3 0</pose>'
+    nested = f'<model name="hand" placement_frame="f">{pose}{tip}</model>'
+    axis, seat = "<axis><xyz>0 1 0</xyz></axis>", '<pose relative_to="{}"/>'
+    before, after = link("a") + joint("revolute"), joint("revolute", axis + seat, "k", "a hand")
+    scene = from_sdf(written(tmp_path, model(before + nested + after.format("hand::f"))))
+    place = f'<frame name="g">{pose}</frame>'
+    back = f"0 {-math.sin(0.2) / 2} {-math.cos(0.2) / 2} -0.2 0 0"
+    turned = link("hand::tip", f'<pose relative_to="g">{back}</pose>')
+    after = after.replace(">hand<", ">hand::tip<").format("g")
+    flat = from_sdf(written(tmp_path, model(before + place + turned + after)))
+    assert apart(scene, flat) <= 1e-15
+
+
 def test_nested_models_are_one_robot_with_names_of_their_scopes(tmp_path: Path):
     tip = link("tip") + '<frame name="f"><pose>0 0 0.5 0 0 0</pose></frame>'
     nested = f'<model name="hand"><pose relative_to="a">0 0 1 0 0 0</pose>{tip}</model>'
@@ -350,6 +365,8 @@ def test_the_root_stays_where_the_file_places_it_or_is_free_on_request(tmp_path:
     across = 0.1 * math.cos(0.3) - 0.2 * math.sin(0.3)
     torque = terms(fixed, [0.3], [0.0])[1][0]
     assert torque == pytest.approx(-2.0 * 9.81 * math.sin(0.4) * across, rel=1e-14)
+    turned = from_sdf(written(tmp_path, model(HINGE.replace("0 0 2 0.4", "0 0 0 0.4"))))
+    assert terms(turned, [0.3], [0.0])[1][0] == torque
 
 
 def test_one_of_several_models_is_named_behind_a_colon(tmp_path: Path):

@@ -427,6 +427,27 @@ def test_rows_of_gravity_are_named_with_their_own_derivatives(own: dict[str, Any
     )
 
 
+@pytest.mark.parametrize(
+    ("added", "named"),
+    [
+        ((0.0, 3.0), "row q[1] differs from ∂U/∂q; row "),
+        ((3.0, 0.0), "row q[0] differs from ∂U/∂q; row "),
+        ((5.0, 2.0), "row "),  # all of them: the entries alone
+    ],
+)
+def test_rows_of_gravity_that_are_no_derivatives_of_the_potential_are_named(added, named: str):
+    def gravity(q):
+        (sin, other), (cos, beside) = np.sin(q), np.cos(q)
+        return [cos * beside + added[0] * q[1], -sin * other + added[1] * q[0]]
+
+    own = {"gravity": gravity, "U": lambda q: np.sin(q[0]) * np.cos(q[1])}
+    (found,) = check_functions(2, **own, claims=["gravity-potential"], states=3)[:1]
+    assert found.verdict == "failed"
+    detail = found.detail.partition(": ")[2]
+    assert detail.startswith(f"{named}q[" if named == "row " else named)
+    assert detail.count("differ") == (named != "row ")
+
+
 DAMPERS = np.array([[2.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 1.0]])
 DISSIPATION = ["dissipation-positive"]
 
