@@ -388,7 +388,7 @@ def test_a_log_is_checked_and_drawn_by_the_command(tmp_path: Path, monkeypatch, 
         assert (tmp_path / name).stat().st_size > 10_000
     write_table(tmp_path / "log.csv", log_columns(CHAIN, RK4._replace(tau=-RK4.tau)))
     assert run("log.csv", "--scene", "chain-pendulum") == 1
-    assert "1 of 3 quantities failed" in capsys.readouterr().out
+    assert "1 of 4 quantities failed" in capsys.readouterr().out
     write_states(CHAIN, tmp_path / "s.npz", 2)
     columns = dict(np.load(tmp_path / "s.npz")) | {"M[0;0]": np.ones(2)}
     write_table(tmp_path / "s.npz", columns)
@@ -426,8 +426,11 @@ ARM = """<mujoco><option timestep="0.002"/><worldbody>
  pos="0 0.1 0.2"/></body></body></worldbody></mujoco>"""  # noqa: E501
 
 
-def mujoco_log(path: Path, integrator: str, digits: str = "%.9g") -> Path:
-    """Write the log of an arm under torques: the state before a step, its qacc and forces."""
+def mujoco_log(path: Path, integrator: str, digits: str = "%.9g", after: bool = False) -> Path:
+    """Write the log of an arm under torques: a state, and qacc and forces of the step from it.
+
+    Of that step's end with `after`, as one writes it after `mj_step`.
+    """
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_string(ARM)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -435,9 +438,10 @@ def mujoco_log(path: Path, integrator: str, digits: str = "%.9g") -> Path:
     data.qpos[:] = 0.4, -0.3
     for k in range(150):
         data.qfrc_applied[:] = 3.0 * np.sin(9.0 * k * STEP + 1.0), np.cos(7.0 * k * STEP)
-        before = k * STEP, *data.qpos, *data.qvel
+        state = data.time, *data.qpos, *data.qvel
         mujoco.mj_step(model, data)
-        rows.append((*before, *data.qacc, *data.qfrc_applied))
+        state = (data.time, *data.qpos, *data.qvel) if after else state
+        rows.append((*state, *data.qacc, *data.qfrc_applied))
     names = [f"{x}[{joint}]" for x in ("q", "v", "a", "tau") for joint in ("hip", "knee")]
     np.savetxt(path, rows, digits, ",", header=",".join(["t", *names]), comments="")
     return path
@@ -473,6 +477,20 @@ def test_a_log_of_mujoco_fails_with_another_model(tmp_path: Path, integrator: st
     (tmp_path / "arm.xml").write_text(text)
     found, _, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
     assert "equations of motion" in {one.subject for one in found if one.verdict == "failed"}
+
+
+@pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT"])
+def test_rows_may_be_written_after_a_step_of_mujoco(tmp_path: Path, integrator: str):
+    path = mujoco_log(tmp_path / "log.csv", integrator, after=True)
+    (tmp_path / "arm.xml").write_text(ARM)
+    found, notes, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
+    assert [str(one) for one in found if one.verdict == "failed"] == []
+    assert any("a is half a step behind v: " in one and "implicit" in one for one in notes)
+    assert any("a and tau are those of the state of the row before" in one for one in notes)
+    (tmp_path / "arm.xml").write_text(ARM.replace('damping="0.2"', 'damping="0.21"'))
+    found, _, _ = check_recorded(path, scene_named(str(tmp_path / "arm.xml")))
+    failed = [one.subject for one in found if one.verdict == "failed"]
+    assert failed[0] == "equations of motion"
 
 
 def test_steps_that_solve_no_implicit_equation_are_not_excused(tmp_path: Path):

@@ -352,7 +352,7 @@ def test_tendons_are_named_as_not_compared_and_the_robots_not_as_the_same(tmp_pa
     comparison = compared_mjcf(tmp_path, plain, plain.replace("</mujoco>", tendon))
     print_robots(comparison)
     same, why, unread = capsys.readouterr().out.strip().splitlines()
-    assert "the coarsest numbers of the files have " in why
+    assert "numbers are compared to " in why
     assert same.startswith("a.xml and b.xml are the same robot in all that is compared, to ")
     assert unread == "not compared: tendons of b.xml, with their springs and dampers"
 
@@ -450,9 +450,11 @@ def test_two_files_are_compared_by_the_command(tmp_path: Path, monkeypatch, caps
 
     assert run("a.urdf", "a.urdf") == 0
     same = capsys.readouterr().out
-    resolution, why = re.findall(r"to (\S+) of its size|^\S+: (the coarsest .*)", same, re.M)
+    resolution, why = re.findall(
+        r"to (\S+) of its size|^\S+: (numbers are compared .*)", same, re.M
+    )
     assert same.count(resolution[0]) == 2 and float(resolution[0]) == 0.5 * 10.0 ** (
-        1 - int(why[1].split("have ")[1].split(" ")[0])
+        1 - int(why[1].split("compared to ")[1].split(" ")[0])
     )
     assert run("a.urdf", "b.urdf", "--json", "d.json") == 1
     out = capsys.readouterr().out

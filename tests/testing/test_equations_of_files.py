@@ -482,3 +482,35 @@ def test_an_entry_that_is_not_finite_is_named_by_the_coordinates_that_have_names
     speeds = {"coordinates": ("x", "θ"), "velocities": ("v", "ω"), "qdot": lambda q, u: u}
     failed, *_ = check(EquationsOfMotion(2, M=broken, **speeds), states=1)
     assert failed.detail == "M, M[ω, ω] = nan, expected a finite number"
+
+
+MISNAMED = """
+import numpy as np
+
+def helper(q): return np.array([[2.0]])
+
+def M(q): return helper(q)
+
+def bias(q, v): return 0.0 * weight(q)
+
+def weight(q): return np.array([1.0 + q[0]])
+
+def mass_matrix(q): return np.array([[4.0]])
+
+def _own(q): return q
+
+class Crane:
+    def bias(self, q, v): return self.zero(q)
+
+    def zero(self, q): return np.array([0.0])
+
+    def mass_matrix(self, q): return np.array([[4.0]])
+"""
+
+
+@pytest.mark.parametrize("name", ["", ":Crane"])
+def test_a_function_of_another_name_is_reported_unless_one_that_is_read_calls_it(tmp_path, name):
+    path = tmp_path / f"misnamed{len(name)}.py"
+    path.write_text(MISNAMED)
+    _, notes = read_equations(f"{path}{name}")
+    assert [one for one in notes if "not read" in one] == ["not read: mass_matrix"]

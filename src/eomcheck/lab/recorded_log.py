@@ -13,6 +13,7 @@ changes by the work of the forces; and constraints drift.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -413,11 +414,11 @@ def implicit_alignment(motion: RecordedMotion, a: Array, a_error: Array) -> Alig
     """
     count = len(motion.t) - 1
     few = np.linspace(0, count - 1, min(count, JUDGED_IN_LOG)).astype(int)
-    for full, by in IMPLICIT.items():
-        if all(
-            _is_implicit(motion, a, a_error, rows, full).all() for rows in (few, np.arange(count))
-        ):
-            return BY_STEPS["before"]._replace(by=by)
+    # The row of a step's end may have the acceleration before it, as after MuJoCo's `mj_step`.
+    beside = {"before": (a, a_error), "after": (np.roll(a, -1, 0), np.roll(a_error, -1, 0))}
+    for (side, sides), (full, by) in product(beside.items(), IMPLICIT.items()):
+        if all(_is_implicit(motion, *sides, rows, full).all() for rows in (few, np.arange(count))):
+            return BY_STEPS[side]._replace(by=by)
     return None
 
 
@@ -1341,7 +1342,7 @@ def check_motion(
     allowed = speeds.allowed + speeds.first_order
     panels = [error_panel("v against q", "error / (rad/s, m/s)", t, speeds.error, allowed)]
     a, a_error = motion.a, motion.a_error
-    differences = a is None
+    differences, of_a = a is None, []
     if a is None:
         rates = difference_rates(t, motion.v, rounding["v"])
         a, a_error = rates.value, rates.error
@@ -1355,8 +1356,8 @@ def check_motion(
             implicit = None if beside else implicit_alignment(motion, a, motion.rounding("a"))
             if implicit is not None:
                 accelerations = accelerations._replace(alignments=(implicit,) * scene.n)
-        more_findings, more = rate_findings(motion, ("a", "v"), accelerations, a)
-        findings, notes = findings + more_findings, notes + more
+        of_a, more = rate_findings(motion, ("a", "v"), accelerations, a)
+        notes += more
         allowed = accelerations.allowed + accelerations.first_order
         title = "a against v", "error / (rad/s², m/s²)"
         panels.append(error_panel(*title, t, accelerations.error, allowed))
@@ -1364,7 +1365,10 @@ def check_motion(
     t = motion.t
     equations, columns = compare_equations(motion, a, a_error, differences)
     more_findings, more = equations_findings(motion, equations, columns, a)
-    findings, notes = findings + more_findings, notes + more
+    # Implicit steps are recognized by the equations: where these fail, they come first.
+    first = any(one.verdict == "failed" for one in more_findings)
+    findings += [*more_findings, *of_a] if first else [*of_a, *more_findings]
+    notes += more
     known = np.max([largest(one.allowed) for one in equations.judged.values()])
     allowed = known + equations.first_order
     panels.append(

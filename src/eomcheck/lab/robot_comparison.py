@@ -1052,8 +1052,8 @@ def _resolution_in_words(resolution: float) -> str:
         return "the rounding of float64"
     digits = round(1 - math.log10(2 * resolution))
     return (
-        f"the coarsest numbers of the files have {counted(digits, 'digit')}; smaller differences "
-        "may be the rounding of these"
+        f"numbers are compared to {counted(digits, 'digit')}, as the files print no more or fewer "
+        "than these; smaller differences may be their rounding"
     )
 
 

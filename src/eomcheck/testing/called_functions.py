@@ -43,6 +43,11 @@ def called_functions(functions: Mapping[str, Any]) -> dict[str, frozenset[str]]:
     return calls
 
 
+def is_wrapper_of(function: Any, other: Any) -> bool:
+    """Return whether a function is another one, or calls nothing else."""
+    return _identity(_core(function)) == _identity(_core(other))
+
+
 def _identity(function: Any) -> int:
     """Return a number that is the same for a function and for a method bound to it."""
     return id(getattr(function, "__func__", function))

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from types import ModuleType
+from types import FunctionType, MethodType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +23,9 @@ from eomcheck.console import activity
 from eomcheck.engines import Engine
 from eomcheck.errors import CallError, InputError, described_error, nearest_name, safe_repr
 from eomcheck.mechanics.scene import Scene
-from eomcheck.safe_output import counted
+from eomcheck.safe_output import counted, listed
 from eomcheck.scene_lookup import SCENE, scene_named
+from eomcheck.testing.called_functions import called_functions, is_wrapper_of
 from eomcheck.testing.converters import (
     drawn_parameters,
     equations_held_by,
@@ -233,6 +234,8 @@ def _read_functions(holder: Any, name: str, title: str, n: int | None) -> FileEq
     if n is None:
         n, source = found_coordinates(functions)
         notes.append(f"n = {n} coordinates, as {source} shows")
+    if unread := _unread(holder, functions):
+        other.append(listed(unread, 5))
     if other:
         notes.append(f"not read: {', '.join(other)}")
     read = {key: value for key, value in options.items() if value is not None}
@@ -268,6 +271,30 @@ def _imported_as(name: str, value: Any) -> str:
     if own != name and getattr(sys.modules.get(home or ""), own, None) is value:
         return f"{home}.{own}"
     return ""
+
+
+def _unread(holder: Any, functions: Mapping[str, Any]) -> list[str]:
+    """Return the names of a holder's own functions that no function that is read calls.
+
+    A function under another name, such as a `mass_matrix`, is not checked.
+    """
+    if isinstance(holder, Mapping):
+        members = dict(holder)
+    else:
+        owner = holder if isinstance(holder, ModuleType) else type(holder)
+        members = {name: getattr(holder, name) for name in vars(owner) if not name.startswith("_")}
+    read = [x for x in functions.values() if not isinstance(x, Mapping)]
+    homes = {getattr(x, "__module__", None) for x in read}
+    own = {
+        name: x
+        for name, x in members.items()
+        if isinstance(x, FunctionType | MethodType) and not str(name).startswith("_")
+        if name not in INPUTS and name not in FILE_OPTIONS and x.__module__ in homes
+    }
+    calls = called_functions({**own, **functions})
+    called = frozenset().union(*(calls[name] for name in functions))
+    called |= {name for name, x in own.items() if any(is_wrapper_of(y, x) for y in read)}
+    return [name for name in own if name not in called]
 
 
 def _no_function(holder: Any, name: str, other: list[str]) -> str:
