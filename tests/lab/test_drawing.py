@@ -602,10 +602,16 @@ def test_a_motion_stays_in_its_picture_and_leaves_its_trail_in_every_frame(tmp_p
 
 
 def test_the_ground_of_a_motion_reaches_beyond_its_traced_points():
-    """One disk that rolls far from the patch that its still picture shows."""
+    """Two disks that roll far from the patch that their still picture shows."""
     patch = s.Plane([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
     sketches = [
-        s.Sketch((patch, s.Disk((x, 0.5, 0.5), (0.0, 1.0, 0.0), 0.5), s.Trail((x, -x, 0.0))))
+        s.Sketch(
+            (
+                patch,
+                *(s.Disk((x, 0.5, 0.5), (0.0, 1.0, 0.0), radius) for radius in (0.5, 0.2)),
+                s.Trail((x, -x, 0.0)),
+            )
+        )
         for x in (0.0, 9.0)
     ]
     first, last = pictures.on_wide_ground(sketches)
@@ -623,3 +629,6 @@ def test_the_ground_of_a_motion_reaches_beyond_its_traced_points():
         assert pictures.on_wide_ground(without) == without
     shown = pictures.Drawing(first, pictures.LIGHT)
     assert s.Plane in shown.drawn
+    bare = [x._replace(parts=(patch, x.parts[-1])) for x in sketches]
+    (ground, _), _ = (x.parts for x in pictures.on_wide_ground(bare))
+    assert np.ptp(ground.points, axis=0).tolist() == [9.0, 9.0, 0.0]  # nothing rolls on it

@@ -27,7 +27,13 @@ from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.failures import FailureRecord, ReplayResult
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
-from eomcheck.lab.report import finding_output, motion_tables, registries, report_formats
+from eomcheck.lab.report import (
+    equations_output,
+    finding_output,
+    motion_tables,
+    registries,
+    report_formats,
+)
 from eomcheck.lab.report.finding_output import write_findings
 from eomcheck.lab.report.overview import (
     ClaimSummary,
@@ -108,6 +114,38 @@ def test_a_run_that_stopped_at_a_failure_says_so(capsys):
     assert stopped not in said_of(capsys, {"sleigh": run})
     run.minimal = run.findings[1]
     assert stopped in said_of(capsys, {"sleigh": run})
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "style"),
+    [
+        ({"bias": "passed", "mass-matrix": "passed"}, "bold green"),
+        ({"bias": "passed", "mass-matrix": "inconclusive"}, "bold yellow"),
+        ({"bias": "passed", "mass-matrix": "skipped"}, "bold yellow"),
+        ({"bias": "failed", "mass-matrix": "skipped"}, "bold red"),
+        ({"bias": "skipped", "mass-matrix": "inconclusive"}, ""),
+    ],
+)
+def test_a_verdict_is_green_only_if_every_claim_is_decided(monkeypatch, verdicts, style: str):
+    styles = []
+    monkeypatch.setattr(equations_output, "say", lambda text, style: styles.append(style))
+    rows = [kept(claim, verdict=verdict) for claim, verdict in verdicts.items()]
+    equations_output.print_verdict(rows)
+    assert styles == [style]
+
+
+def test_a_block_of_failures_names_the_formulation_of_all_its_claims(capsys):
+    """The first fails by two formulations, the others by one of them or by an engine too."""
+    failing = [
+        kept("active-forces", subject="kane ~ ml", verdict="failed"),
+        kept("bias", subject="kane", verdict="failed"),
+        kept("equivalence", subject="ml", verdict="failed"),
+        kept("multipliers", subject="kane", verdict="failed"),
+        kept("multipliers", subject="kane ~ casadi", verdict="failed"),
+    ]
+    finding_output.print_failures(by_claim(failing))
+    said = capsys.readouterr().out
+    assert said.count("FAIL ") == 3 and said.count("by kane too: ") == 1
 
 
 def test_claims_that_fail_by_one_formulation_are_one_block(capsys):

@@ -398,6 +398,16 @@ def test_a_spring_of_a_ball_that_differs_is_named_alone(tmp_path: Path):
     assert [str(one) for one in found.differences] == [named]
 
 
+def test_a_small_turn_of_the_rest_of_one_of_two_springs_is_named(tmp_path: Path):
+    geom = '<geom size="0.1" pos="0.3 0 0.1"/>'
+    text = '<mujoco><worldbody><body euler="0 0 {}"><joint type="free" name="f" stiffness="0.3"/>'
+    text += f'{geom}<body pos="0 0 0.4"><joint type="ball" name="b" stiffness="0.2"/>{geom}'
+    text += "</body></body></worldbody></mujoco>"
+    found = compared_mjcf(tmp_path, text.format(0.0), text.format(0.1))
+    named = "joint f_roll: rest of its spring: orientations 0.00175 rad apart"
+    assert [str(one) for one in found.differences] == [named]
+
+
 def test_the_effect_is_at_the_joint_that_differs_in_any_order(tmp_path: Path):
     other = chain_text(order="rl").replace('"l" axis="0 1 0"', '"l" axis="0 1 0" armature="5"')
     for first, second in ((chain_text(), other), (other, chain_text())):

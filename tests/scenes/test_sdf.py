@@ -17,7 +17,7 @@ import eomcheck
 from eomcheck.claims.proof import prove
 from eomcheck.descriptions import sdf_reader
 from eomcheck.descriptions.build import mechanism
-from eomcheck.descriptions.elements import Joint, Link, hinge, pin, weld
+from eomcheck.descriptions.elements import ORIGIN, Joint, Link, hinge, pin, weld
 from eomcheck.descriptions.random_trees import urdf_tree
 from eomcheck.descriptions.sdf_reader import sdf_kind
 from eomcheck.descriptions.urdf_reader import read_urdf
@@ -28,6 +28,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries
 from eomcheck.lab.robot_comparison import compare_robots
 from eomcheck.mechanics.scene import GeneratorChoices
+from eomcheck.mechanics.sketch import Body, Closing
 from eomcheck.scene_lookup import robot_named, scene_named
 from eomcheck.scenes import from_sdf, from_urdf
 
@@ -275,20 +276,21 @@ def test_a_screw_slides_as_it_turns_by_its_pitch(tmp_path: Path, pitch: str, adv
     assert Q[0] == pytest.approx(-20.0 * advance, rel=1e-14)
 
 
-def test_a_ball_turns_about_the_axes_of_its_own_frame(tmp_path: Path):
+@pytest.mark.parametrize("place", [(0.1, 0.0, 0.2), (0.0, 0.0, 0.0)])
+def test_a_ball_turns_about_the_axes_of_its_own_frame(tmp_path: Path, place: Any):
     turn = roll_pitch_yaw(0.3, 0.0, 0.4)
     w, x, y, z = turn
-    back = rotation_matrix((w, -x, -y, -z)) @ (-0.1, 0.0, -0.2)
+    back = -rotation_matrix((w, -x, -y, -z)) @ place
     own = mechanism(
         "own",
         [Link("world"), Link("seat"), Link("a", 2.0, (0.1, 0.2, 0.3), (0.3, 0.4, 0.5))],
         [
-            Joint("j", "spherical", "world", "seat", (0.1, 0.0, 0.2), turn, damping=0.3),
+            Joint("j", "spherical", "world", "seat", place, turn, damping=0.3),
             Joint("fixed", "fixed", "seat", "a", tuple(back.tolist()), (w, -x, -y, -z)),
         ],
     )()
     axis = "<axis><xyz>0 0 1</xyz><dynamics><damping>0.3</damping></dynamics></axis>"
-    text = link("a") + joint("ball", PLACES + axis)
+    text = link("a") + joint("ball", PLACES.replace("0.1 0 0.2", "{} {} {}".format(*place)) + axis)
     assert apart(from_sdf(written(tmp_path, model(text))), own) <= 1e-15
 
 
@@ -303,6 +305,7 @@ def test_a_joint_follows_an_axis_of_another_one(tmp_path: Path):
     scene = from_sdf(written(tmp_path, model(text), "1.11"))
     assert scene.coordinate_names == ("j_axis", "j_axis2")
     assert scene.ratio.tolist() == [2.0] and scene.shift.tolist() == [0.5 - 2.0 * 0.1]
+    assert scene.tree().coordinates.tolist() == [[1.0, 0.0], [0.0, 1.0], [0.0, 2.0]]
 
 
 LOOPS = {
@@ -340,6 +343,35 @@ def test_a_joint_that_closes_a_loop_is_a_constraint(tmp_path: Path, kind: str):
     order = [scene.coordinate_names.index(x) for x in own.coordinate_names]
     ours, theirs = (Evaluation(s, q, v).terms for s in (scene, own))
     assert np.allclose(np.asarray(ours.a)[:, order], theirs.a, rtol=0.0, atol=1e-14)
+    parts = scene.sketch(np.array(q)).parts
+    (held,) = (part for part in parts if isinstance(part, Closing))
+    assert held.rows == (0, 1, 2)  # those of the point: moments are no force
+    ends = [tuple(part.points[1]) for part in parts if isinstance(part, Body)]
+    assert {tuple(held.at), tuple(held.other)} <= {*ends}
+
+
+def test_a_hinge_of_a_turned_link_that_closes_a_loop_is_along_its_axis_in_both_links(
+    tmp_path: Path,
+):
+    turns = "<axis><xyz>0 1 0</xyz></axis>"
+    text = link("a") + link("b", "<pose>1 0 0 0 0 0.5</pose>")
+    text += joint("revolute", turns, "j", "world a") + joint("revolute", turns, "k", "world b")
+    scene = from_sdf(written(tmp_path, model(text + joint("revolute", turns, "c", "a b"))))
+    axis, of_parent = (0.0, 1.0, 0.0), (-math.sin(0.5), math.cos(0.5), 0.0)
+    closing = hinge("c", "a", "b", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), of_parent, axis)
+    links = [Link("world"), *(Link(x, 2.0, ORIGIN, (0.3, 0.4, 0.5)) for x in "ab")]
+    own = mechanism(
+        "own",
+        links,
+        [
+            Joint("j", "revolute", "world", "a", axis=axis),
+            Joint(
+                "k", "revolute", "world", "b", (1.0, 0.0, 0.0), roll_pitch_yaw(0.0, 0.0, 0.5), axis
+            ),
+        ],
+        [closing],
+    )()
+    assert scene.directions == pytest.approx(own.directions, abs=1e-15)
 
 
 # ---- Scene ---------------------------------------------------------------------------------------
@@ -383,6 +415,9 @@ def test_one_of_several_models_is_named_behind_a_colon(tmp_path: Path):
         scene_named(f"{path}:m:fixed")
     with pytest.raises(InputError, match="has no model 'n', expected one of: m, lone"):
         scene_named(f"{path}:n")
+    path = written(tmp_path, model(HINGE) + model(link("c")))
+    with pytest.raises(InputError, match="has 2 models 'm', expected one"):
+        scene_named(f"{path}:m")
 
 
 @pytest.mark.parametrize(
@@ -432,6 +467,8 @@ def test_ignored_parts_are_counted_in_one_sentence(tmp_path: Path):
     text = link("a", more) + joint("revolute", axis) + "<plugin/><gz:thing/>"
     text += "<enable_wind>0</enable_wind><self_collide>1</self_collide>"
     scene = from_sdf(written(tmp_path, f'<world name="w"><include/><light/>{model(text)}</world>'))
+    turned = written(tmp_path, model(text.replace("linear>", "angular>")), name="turned.sdf")
+    assert "decay of velocities (1)" in from_sdf(turned).source.ignored
     parts = (
         "decay of velocities (1)",
         "friction of joints (1)",
@@ -560,9 +597,12 @@ DAMPED = "<axis><dynamics><damping>1</damping></dynamics></axis>"
         (model(""), "model 'm' has no link"),
         (model(link("a")), "model 'm' has no joint; .*robot.sdf:floating' sets its link free"),
         (model("") * 2, "has 2 models, name one of them"),
-        (
-            model(SOUND + joint("revolute", DAMPED, "c", "world b")),
-            "joint 'c' closes a loop at the link 'b', which 'k' moves, expected a fixed joint",
+        *(
+            (
+                model(SOUND + joint("revolute", forced, "c", "world b")),
+                "joint 'c' closes a loop at the link 'b', which 'k' moves, expected a fixed joint",
+            )
+            for forced in (DAMPED, DAMPED.replace("damping", "spring_stiffness"))
         ),
     ],
 )

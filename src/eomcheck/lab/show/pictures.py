@@ -464,7 +464,8 @@ def on_wide_ground(sketches: Sequence[s.Sketch]) -> list[s.Sketch]:
     trails = [part.at for part in parts if isinstance(part, s.Trail)]
     if not trails or not any(isinstance(part, s.Plane) for part in parts):
         return [*sketches]
-    beside = BESIDE_TRAILS * max(x.radius for x in parts if isinstance(x, s.Disk))
+    radii = (x.radius for x in parts if isinstance(x, s.Disk))
+    beside = BESIDE_TRAILS * max(radii, default=0.0)
     (west, south, _), (east, north, _) = np.min(trails, 0) - beside, np.max(trails, 0) + beside
     corners = (west, south), (east, south), (east, north), (west, north)
     ground = s.Plane([np.array([x, y, 0.0]) for x, y in corners])
