@@ -334,7 +334,10 @@ def reader_of(scene: Mechanism, name: str) -> type[FileEngine]:
         kind = engine_of(name)
         if issubclass(kind, FileEngine) and represents(kind, scene):
             return kind
-        raise InputError(f"engine = {name!r} is no FileEngine that reads {scene.name}")
+        raise InputError(
+            f"engine = {name!r} is no FileEngine that reads {scene.name}; an engine that builds its "
+            "bodies from a tree is checked by `eomcheck validate --engine`"
+        )
     reader = registered("engine", library, BY_FORMAT[scene.source.format])
     return isolated(reader, version) if pinned else reader
 
