@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,6 +19,7 @@ from eomcheck import CLAIMS, check_state
 from eomcheck.claims.finding import unresolved_detail
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
+from eomcheck.lab.report import report_formats
 from eomcheck.lab.report.overview import Overview, anchor, read_records
 from eomcheck.lab.report.report_formats import (
     DARK,
@@ -422,3 +424,14 @@ def test_validate_writes_the_page_itself_and_leaves_no_records(tmp_path, monkeyp
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert run(*asked, "--report", str(tmp_path), monkeypatch=monkeypatch) == 2
     assert "is a folder, expected a file" in capsys.readouterr().err
+
+
+def test_a_report_draws_the_first_of_many_failing_states(monkeypatch):
+    rows = [
+        SimpleNamespace(verdict=x, name=str(k)) for k, x in enumerate(["passed", *["failed"] * 9])
+    ]
+    monkeypatch.setattr(report_formats, "MOST_POSES", 3)
+    monkeypatch.setattr(report_formats, "_states", lambda overview: overview)
+    monkeypatch.setattr(report_formats, "_posed", lambda row: f"<{row.name}>")
+    monkeypatch.setattr(report_formats, "anchor", lambda row: row.name)
+    assert report_formats._poses(rows) == {"1": "<1>", "2": "<2>", "3": "<3>"}

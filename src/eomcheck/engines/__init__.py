@@ -335,7 +335,7 @@ def reader_of(scene: Mechanism, name: str) -> type[FileEngine]:
         if issubclass(kind, FileEngine) and represents(kind, scene):
             return kind
         raise InputError(
-            f"engine = {name!r} is no FileEngine that reads {scene.name}; an engine that builds its "
+            f"engine = {name!r} is no FileEngine that reads {scene.name}; an engine that builds "
             "bodies from a tree is checked by `eomcheck validate --engine`"
         )
     reader = registered("engine", library, BY_FORMAT[scene.source.format])

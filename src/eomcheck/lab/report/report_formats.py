@@ -209,10 +209,14 @@ def _viewers(overview: Overview) -> dict[str, str]:
     return viewers
 
 
+MOST_POSES = 40
+"""Number of failing states that a report draws: each is a picture and a viewer."""
+
+
 def _poses(overview: Overview) -> dict[str, str]:
-    """Return the HTML of the mechanism in each failing state of the report, by its anchor."""
+    """Return the HTML of the mechanism in the first failing states of the report, by anchor."""
     failed = [row for row in _states(overview) if row.verdict == "failed"]
-    return {anchor(row): html for row in failed if (html := _posed(row))}
+    return {anchor(row): html for row in failed[:MOST_POSES] if (html := _posed(row))}
 
 
 def _posed(row: StoredFinding | None) -> str:
