@@ -43,6 +43,7 @@ from eomcheck.lab.store.validation_runs import (
 )
 from eomcheck.lab.studies.operations import counted_in
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.sketch import Sketch, Trail
 from eomcheck.scenes import SCENES, Sleigh
 
 
@@ -201,6 +202,28 @@ def test_a_state_that_failed_is_shown_in_its_pose_also_of_a_class_that_is_not_re
     overview.rows = [replace(one, pose="[1]") for one in overview.rows]
     write_page(overview, tmp_path / "old.html")
     assert 'class="viewer"' not in (tmp_path / "old.html").read_text(encoding="utf-8")
+
+
+def test_a_pose_is_that_of_the_state_at_its_time():
+    class Moved(Sleigh):
+        key = "moved"
+
+        def sketch(self, q, t=0.0) -> Any:
+            return Sketch((Trail((q[0], t)),))
+
+    state = State(np.array([1.0, 0.0, 0.0]), np.zeros(3), 2.0)
+    _, sketch = pose_of(pose_text(Moved(), state))
+    assert sketch.parts[0].at == [1.0, 2.0]
+
+
+def test_each_scene_is_shown_in_a_pose_of_its_own_and_states_that_failed(bad: Path, monkeypatch):
+    overview = Overview(read_records([bad]))
+    row = overview.rows[0]
+    verdicts = {"one": "passed", "two": "failed"}
+    overview.rows = [replace(row, scene=x, pose=x, verdict=verdicts[x]) for x in verdicts]
+    monkeypatch.setattr(report_formats, "_posed", lambda row: "" if row is None else row.pose)
+    assert report_formats._viewers(overview) == {"one": "one", "two": "two"}
+    assert [*report_formats._poses(overview).values()] == ["two"]
 
 
 def test_a_scene_that_cannot_draw_a_state_has_no_pose_of_it():

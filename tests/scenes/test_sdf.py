@@ -20,7 +20,7 @@ from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import ORIGIN, Joint, Link, hinge, pin, weld
 from eomcheck.descriptions.random_trees import urdf_tree
 from eomcheck.descriptions.sdf_reader import sdf_kind
-from eomcheck.descriptions.urdf_reader import read_urdf
+from eomcheck.descriptions.urdf_reader import read_urdf, shape_reach
 from eomcheck.descriptions.vector_algebra import roll_pitch_yaw, roll_pitch_yaw_of, rotation_matrix
 from eomcheck.engines.file_engine import read_description
 from eomcheck.errors import InputError
@@ -456,6 +456,24 @@ def test_the_identities_of_a_robot_are_proved(tmp_path: Path):
 
 
 # ---- What is left out, doubted, refused ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "reach"),
+    [
+        ("box", {"size": "2 4 4"}, 3.0),
+        ("sphere", {"radius": "2"}, 2.0),
+        ("ellipsoid", {"radii": "1 3 2"}, 3.0),
+        ("cylinder", {"radius": "3", "length": "8"}, 5.0),
+        ("cone", {"radius": "3", "length": "8"}, 5.0),
+        ("capsule", {"radius": "5", "length": "14"}, 13.0),
+        ("mesh", {"uri": "a.stl"}, None),
+    ],
+)
+def test_no_point_of_a_shape_is_farther_than_its_reach(kind: str, sizes: Any, reach: Any):
+    assert shape_reach(kind, ORIGIN, sizes.__getitem__) == reach
+    beside = shape_reach(kind, (0.0, 3.0, 4.0), sizes.__getitem__)
+    assert beside == (None if reach is None else reach + 5.0)
 
 
 def test_ignored_parts_are_counted_in_one_sentence(tmp_path: Path):
