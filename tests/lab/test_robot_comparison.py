@@ -15,7 +15,7 @@ from eomcheck import cli
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.robot_comparison import RobotComparison, compare_robots, print_robots
 from eomcheck.mechanics.parameters import settable
-from eomcheck.scenes import SCENES, from_mjcf, from_urdf
+from eomcheck.scenes import SCENES, from_mjcf, from_sdf, from_urdf
 
 ARM = arm_text()
 
@@ -396,6 +396,30 @@ def test_a_spring_of_a_ball_that_differs_is_named_alone(tmp_path: Path):
     )
     named = "joint b_roll: rest of its spring: orientations 0.524 rad apart"
     assert [str(one) for one in found.differences] == [named]
+
+
+def arm_in_sdf(name: str, damping: float) -> str:
+    """Return an arm whose numbers have few digits, but for its damping."""
+    return f"""<sdf version="1.9"><model name="m"><link name="{name}"><inertial>
+<pose>0.1 0 0.2 0 0 0</pose><mass>2</mass><inertia><ixx>0.3</ixx><iyy>0.3</iyy><izz>0.4</izz>
+</inertia></inertial></link><joint name="j" type="revolute"><parent>world</parent>
+<child>{name}</child><axis><xyz>0 1 0</xyz><dynamics><damping>{damping}</damping></dynamics></axis>
+</joint></model></sdf>"""
+
+
+@pytest.mark.parametrize(
+    ("name", "damping", "named"),
+    [("arm", 0.30001, ["damping"]), ("arm", 0.300001, []), ("arm_20240517001", 0.300001, [])],
+)
+def test_numbers_are_compared_to_their_digits_and_not_to_those_of_names(
+    tmp_path: Path, name: str, damping: float, named: list[str]
+):
+    scenes = []
+    for at, number in enumerate((0.3, damping)):
+        path = tmp_path / f"{at}.sdf"
+        path.write_text(arm_in_sdf(name, number))
+        scenes.append(from_sdf(path))
+    assert [one.what for one in compare_robots(*scenes).differences] == named
 
 
 def test_a_small_turn_of_the_rest_of_one_of_two_springs_is_named(tmp_path: Path):

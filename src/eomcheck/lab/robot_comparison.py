@@ -46,7 +46,7 @@ turned to other axes, directions have the errors of points that are far from the
 ALIGNED = 0.9
 """Cosine of the angle between two lines above which one does not fix a place along the other."""
 
-NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 FORMATS = {"urdf": URDF, "mjcf": MJCF, "sdf": SDF}
 
@@ -217,7 +217,8 @@ class _Side:
         expected = FORMATS[self.scene.source.format]  # type: ignore[attr-defined]
         for path in included_files(self.file) if expected is MJCF else [self.file]:
             for sort, text in _sorted_texts(root_of(path, expected)):
-                texts[sort] += NUMBERS.findall(text)
+                # Names may have digits too.
+                texts[sort] += (x for x in text.split() if NUMBER.fullmatch(x))
         digits = {x: digits_of(y).significant if y else 0 for x, y in texts.items()}
         return {x: max(EPS, 0.5 * 10.0 ** (1 - max(FEWEST_DIGITS, y))) for x, y in digits.items()}
 
