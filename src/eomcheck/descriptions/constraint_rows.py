@@ -40,6 +40,7 @@ from eomcheck.descriptions.first_derivation import (
     point_columns,
     relative_acceleration,
     turning_columns,
+    with_roots,
 )
 from eomcheck.descriptions.joint_tree import ConstraintSpec, TopologyPlan
 from eomcheck.descriptions.second_derivation import (
@@ -207,24 +208,16 @@ def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
 
 def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
     """Return a `prepare` that also computes the sines of angles between disk axes and normals."""
-    if not plan.disks:
-        return prepare
 
-    def prepare_all(arithmetic, parameters, q, t):
-        prepared = prepare(arithmetic, parameters, q, t)
-        square = np.zeros(len(plan.disks), q.dtype)
-        for i, pair in enumerate(plan.disks):
-            axis, normal = (
-                direction_in_ground(
-                    plan, parameters, prepared, k, as_vector(parameters.directions[j])
-                )
-                for k, j in pair
-            )
-            across = cross(normal, axis)  # 1 - (e · n)² loses all digits of a small sine
-            square[i] = dot(across, across)
-        return prepared._replace(sines=arithmetic.root(square))
+    def square(parameters, prepared, pair):
+        axis, normal = (
+            direction_in_ground(plan, parameters, prepared, k, as_vector(parameters.directions[j]))
+            for k, j in pair
+        )
+        across = cross(normal, axis)  # 1 - (e · n)² loses all digits of a small sine
+        return dot(across, across)
 
-    return prepare_all
+    return with_roots(prepare, "sines", plan.disks, square)
 
 
 def radius(inputs: ConstraintInputs) -> Any:

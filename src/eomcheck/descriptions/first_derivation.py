@@ -17,6 +17,7 @@ Source: Featherstone, Rigid Body Dynamics Algorithms (2008), Sections 5.3 and 6.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,6 +106,35 @@ def make_prepare(plan: TopologyPlan) -> Any:
         return PreparedMechanism(x, angles, driven(parameters, q, t))
 
     return prepare
+
+
+def with_roots(
+    prepare: Callable,
+    name: str,
+    things: Sequence[Any],
+    square_of: Callable[[Any, Any, Any], Any],
+    root: Callable[[Any, Any], Any] = lambda arithmetic, square: arithmetic.root(square),
+) -> Callable:
+    """Return a `prepare` that also computes square roots, or itself without any.
+
+    Args:
+        prepare: function that computes what the squares need.
+        name: field of `PreparedMechanism` for the roots.
+        things: what each square is of.
+        square_of: square of one of them, of (parameters, prepared, thing).
+        root: roots of all squares, of (arithmetic, squares (k,)).
+    """
+    if not things:
+        return prepare
+
+    def prepare_all(arithmetic, parameters, q, t):
+        prepared = prepare(arithmetic, parameters, q, t)
+        square = np.zeros(len(things), q.dtype)
+        for i, thing in enumerate(things):
+            square[i] = square_of(parameters, prepared, thing)
+        return prepared._replace(**{name: root(arithmetic, square)})
+
+    return prepare_all
 
 
 def driven(parameters: Any, q: Any, t: Any) -> Any:

@@ -18,7 +18,7 @@ from eomcheck.descriptions.constraint_rows import (
     SecondDerivation,
     relative_vector,
 )
-from eomcheck.descriptions.first_derivation import centers, factor, joint_frames
+from eomcheck.descriptions.first_derivation import centers, factor, joint_frames, with_roots
 from eomcheck.descriptions.joint_tree import TopologyPlan
 from eomcheck.descriptions.second_derivation import point_in_ground
 from eomcheck.descriptions.vector_algebra import (
@@ -42,22 +42,16 @@ from eomcheck.descriptions.vector_algebra import (
 
 def with_lengths(plan: TopologyPlan, prepare: Callable) -> Callable:
     """Return a `prepare` that also computes the lengths of springs."""
-    if not plan.topology.springs:
-        return prepare
 
-    def prepare_all(arithmetic, parameters, q, t):
-        prepared = prepare(arithmetic, parameters, q, t)
-        square = np.zeros(len(plan.topology.springs), q.dtype)
-        for i, spring in enumerate(plan.topology.springs):
-            a, b = (
-                point_in_ground(plan, parameters, prepared, k, as_vector(parameters.points[j]))
-                for k, j in spring.points
-            )
-            apart = subtract_vectors(a, b)
-            square[i] = dot(apart, apart)
-        return prepared._replace(lengths=arithmetic.root(square))
+    def square(parameters, prepared, spring):
+        a, b = (
+            point_in_ground(plan, parameters, prepared, k, as_vector(parameters.points[j]))
+            for k, j in spring.points
+        )
+        apart = subtract_vectors(a, b)
+        return dot(apart, apart)
 
-    return prepare_all
+    return with_roots(prepare, "lengths", plan.topology.springs, square)
 
 
 def _spring_ends(
@@ -145,13 +139,18 @@ def _series(numerators: list[int], y: Any) -> Any:
     return result / UNIT
 
 
+def _turned(plan: TopologyPlan, prepared: Any, i: int, a: Vector) -> Vector:
+    """Return a vector behind the hinge of scalar joint i along the axes before it."""
+    hinge = plan.hinge_index[i]
+    cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+    return rotate(a, plan.joints[i].axis, cos, sin)
+
+
 def _axes_behind(plan: TopologyPlan, prepared: Any, k: int) -> tuple[Vector, ...]:
     """Return the axes of the frame behind a gimbal, k its last turn, along those before it."""
     axes: tuple[Vector, ...] = AXES
     for i in reversed(plan.rotor_joints(k)):
-        hinge = plan.hinge_index[i]
-        cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
-        axes = tuple(rotate(a, plan.joints[i].axis, cos, sin) for a in axes)
+        axes = tuple(_turned(plan, prepared, i, a) for a in axes)
     return axes
 
 
@@ -167,23 +166,22 @@ def with_half_cosines(plan: TopologyPlan, prepare: Callable) -> Callable:
     The cosine of half an angle is the root of (1 + cos) / 2, and the trace of a rotation is
     1 + 2 cos.
     """
-    if not plan.sprung_gimbals:
-        return prepare
 
-    def prepare_all(arithmetic, parameters, q, t):
-        prepared = prepare(arithmetic, parameters, q, t)
-        square = np.zeros(len(plan.sprung_gimbals), q.dtype)
-        for i, k in enumerate(plan.sprung_gimbals):
-            pairs = zip(_axes_at_rest(parameters, i), _axes_behind(plan, prepared, k), strict=True)
-            trace: Any = total(dot(a, b) for a, b in pairs)
-            square[i] = (1 + trace) / 4
-        cosines = np.zeros((HALVINGS, len(square)), q.dtype)
+    def first_square(parameters, prepared, gimbal):
+        spring, k = gimbal
+        pairs = zip(_axes_at_rest(parameters, spring), _axes_behind(plan, prepared, k), strict=True)
+        trace: Any = total(dot(a, b) for a, b in pairs)
+        return (1 + trace) / 4
+
+    def half_cosines(arithmetic, square):
+        cosines = np.zeros((HALVINGS, len(square)), square.dtype)
         for i in range(HALVINGS):
             cosines[i] = arithmetic.root(square)
             square = (1 + cosines[i]) / 2
-        return prepared._replace(half_cosines=cosines)
+        return cosines
 
-    return prepare_all
+    gimbals = [*enumerate(plan.sprung_gimbals)]
+    return with_roots(prepare, "half_cosines", gimbals, first_square, half_cosines)
 
 
 def _angle_by_sine(prepared: Any, spring: int) -> Any:
@@ -209,16 +207,14 @@ def add_gimbal_springs(plan: TopologyPlan, parameters: Any, prepared: Any, Q: An
         for place, j in enumerate(turns):
             axis: Any = AXES[plan.joints[j].axis]
             for before in reversed(turns[:place]):
-                hinge = plan.hinge_index[before]
-                cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
-                axis = rotate(axis, plan.joints[before].axis, cos, sin)
+                axis = _turned(plan, prepared, before, axis)
             Q[plan.joints[j].coordinate] -= share * dot(axis, sine)
 
 
 def gimbal_spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
     """Return the potential energy k θ² / 2 of springs at gimbals, J; None without any."""
     U = None
-    for i, _ in enumerate(plan.sprung_gimbals):
+    for i in range(len(plan.sprung_gimbals)):
         y = 1 - prepared.half_cosines[HALVINGS - 1, i]
         half_square = y * _series(ANGLE_SQUARED, y)
         U = plus(U, parameters.gimbal_stiffness[i] * half_square * 4**HALVINGS)

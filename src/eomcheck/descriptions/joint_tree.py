@@ -23,6 +23,7 @@ from eomcheck.descriptions.elements import COORDINATES, Joint, Link, Triple
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
+    conjugate,
     is_turned,
     multiply_quaternions,
     rotation_matrix,
@@ -508,8 +509,7 @@ class JointTree(ElementReader):
             axis, sense, tilt = self._axis(joint)
             turn = multiply_quaternions(turn, tilt)
             last = self._add_moving(joint, before.joint, turn, offset, axis, sense)
-            back = tilt[0], -tilt[1], -tilt[2], -tilt[3]
-            self.link_frames[joint.child] = LinkFrame(last, back, np.zeros(3))
+            self.link_frames[joint.child] = LinkFrame(last, conjugate(tilt), np.zeros(3))
         slot, turn, offset = self.link_frames[joint.child]
         if (body := rigid_body_of(self.links[joint.child], turn, offset)) is not None and slot >= 0:
             self.bodies.setdefault(slot, []).append(body)

@@ -60,6 +60,7 @@ from eomcheck.descriptions.urdf_reader import (
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
+    conjugate,
     multiply_quaternions,
     rotation_matrix,
 )
@@ -348,8 +349,8 @@ def equality_constraint(context: EqualityContext, i: int) -> Constraint:
         return _joint_constraint(context, name, context.joints[first], second_joint, data)
     if m.eq_objtype[i] == SITE:
         a, b = m.site_pos[first], m.site_pos[second]
-        w, x, y, z = m.site_quat[second]
-        turn = multiply_quaternions(tuple(m.site_quat[first].tolist()), (w, -x, -y, -z))
+        there = conjugate(quaternion_of(m.site_quat[second]))
+        turn = multiply_quaternions(quaternion_of(m.site_quat[first]), there)
         first, second = int(m.site_bodyid[first]), int(m.site_bodyid[second])
     elif kind == CONNECT:
         a, b, turn = data[:3], data[3:6], IDENTITY

@@ -40,6 +40,7 @@ from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
     axis_rotation,
+    conjugate,
     multiply_quaternions,
     rotation_matrix,
     z_to_axis,
@@ -225,8 +226,7 @@ class PosedPair(NamedTuple):
 
 
 def _weld(fit: PosedPair) -> Constraint:
-    w, x, y, z = fit.here.orientation
-    turn = multiply_quaternions((w, -x, -y, -z), fit.there.orientation)
+    turn = multiply_quaternions(conjugate(fit.here.orientation), fit.there.orientation)
     return elements.weld(*fit.head, fit.at, fit.at_other, turn)
 
 
@@ -390,9 +390,8 @@ def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array
 
 def _about_z(tilt: Quaternion, angle: float) -> Quaternion:
     """Return the rotation about z of a tilted frame."""
-    w, x, y, z = tilt
     return multiply_quaternions(
-        multiply_quaternions(tilt, axis_rotation(2, angle)), (w, -x, -y, -z)
+        multiply_quaternions(tilt, axis_rotation(2, angle)), conjugate(tilt)
     )
 
 

@@ -60,6 +60,7 @@ from eomcheck.descriptions.urdf_reader import (
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
+    conjugate,
     is_turned,
     multiply_quaternions,
     of_length_one,
@@ -172,8 +173,7 @@ class RelativePose(NamedTuple):
     @property
     def inverse(self) -> RelativePose:
         """The pose of the other frame in this one."""
-        w, x, y, z = self.turn
-        back = w, -x, -y, -z
+        back = conjugate(self.turn)
         return RelativePose(-rotation_matrix(back) @ self.place, back)
 
 

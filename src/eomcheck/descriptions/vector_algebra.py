@@ -202,6 +202,12 @@ def multiply_quaternions(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
+def conjugate(a: Quaternion) -> Quaternion:
+    """Return the quaternion of the rotation back."""
+    w, x, y, z = a
+    return w, -x, -y, -z
+
+
 def of_length_one(a: Quaternion) -> Quaternion:
     """Return the same rotation by a quaternion of length 1."""
     length = math.hypot(*a)

@@ -171,9 +171,9 @@ def _translations(scene: Scene, state: ShownState) -> list[tuple[int, Array]]:
     """Return the coordinates that shift all bodies, each with the shift by its unit."""
     # Bodies of some poses have no lines, where their joints coincide.
     kinds = s.Disk, s.Wheel, s.Center, s.ConstraintMark
-    if not _points(sketch_of(scene, state.q, state.t), kinds):
-        return []
     points = np.array(_points(sketch_of(scene, state.q, state.t), kinds))
+    if not len(points):
+        return []
     found = []
     for k, unit in enumerate(np.eye(scene.n)):
         shifted = np.array(_points(sketch_of(scene, state.q + unit, state.t), kinds)) - points
